@@ -470,7 +470,7 @@ def flight_report(
         for name, estimates in zip(names, flight.estimates, strict=True)
         if np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
     ]
-    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).detected_s
     with_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
     release_mapped_memory()

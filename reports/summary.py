@@ -194,7 +194,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     routes = routes_of(MissionPlan.of(flight.scenario))
     has_proximity_sensor = flight.scenario.formation.proximity is not None
-    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).spent_s
+    gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).detected_s
     leader = leader_row(flight)
     return {
         "scenario": flight.scenario.name,

@@ -86,7 +86,7 @@ def _broadcast_errors(sensing: SensingSettings) -> Sensors:
 
 def _current(sensing: SensingSettings, _: Settings) -> str:
     # the paper's point motion is not carried along
-    has_current = sensing.kind == "physics" and sensing.sound.sea.ocean.moves
+    has_current = sensing.kind == "physics" and sensing.sound.sea.ocean.has_current
     return "there is a current" if has_current else ""
 
 

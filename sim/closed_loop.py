@@ -201,7 +201,7 @@ def sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
     stride = state.sensors.stride
     if k > 0 and state.sensors.senses_acceleration:
         update_tilt_error(
-            state.sensors.tilt_share, k, truth.pose[:, 0], truth.twist[:, 0], state.tilts
+            state.sensors.tilt_gain, k, truth.pose[:, 0], truth.twist[:, 0], state.tilts
         )
     if k % stride != 0:
         for i in range(state.kinds.size):

@@ -40,6 +40,7 @@ from sim.scenario.parts import (
     MotionSettings,
     SeaSettings,
     SensingSettings,
+    SoundSettings,
     sensing_of_each,
 )
 from sim.scenario.point_motion import Plan
@@ -55,7 +56,7 @@ from sim.scenario.settings import (
     Video,
 )
 from sim.scenario.vehicle_routes import depth_profile_of, route_of
-from sim.sea import require_sea
+from sim.sea import require_beacons, require_sea
 from sim.sensing.sensors import custom_sensors, leader_custom_sensors, sensors_of_all
 from sim.sound_cautions import ray_cautions
 from sim.tracking import HULL_RADIUS_M, closest_stations
@@ -593,6 +594,10 @@ def infeasibilities(scenario: Scenario) -> list[str]:
             geometry_errors += _errors_of(partial(_route_motion, without_saw_tooth, name), where)
     geometry_errors += (
         [] if geometry_errors else _errors_of(partial(require_sea, motion.sea), "ocean")
+    )
+    sound = SoundSettings.of(scenario)
+    geometry_errors += (
+        [] if geometry_errors else _errors_of(partial(require_beacons, sound), "links")
     )
     if geometry_errors:
         # what follows depends on hulls, routes and the sea

@@ -172,7 +172,7 @@ class Receiver:
         self.link.copy_instants(truth, k, k, hearing.motion)
         if k > 0 and s.senses_acceleration:
             pose = hearing.motion.pose[:, 0]
-            update_tilt_error(s.tilt_share, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
+            update_tilt_error(s.tilt_gain, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
         hearing.arrived[:] = False
         hearing.inbox.outcome[:] = observation.NO_MESSAGE
 
@@ -383,7 +383,7 @@ class AnswerReceiver(Receiver):
         content[TIME] = answer.leaves
         content[EAST] = east
         content[NORTH] = north
-        address = Address(s.seed, s.run, int(s.numbers[i]), emission)
+        address = Address(s.seed, s.run, int(s.noise_numbers[i]), emission)
         inbox = hearing.inbox
         observation.read_reception(
             e,

@@ -34,29 +34,32 @@ class OpenLoop:
     ) -> None:
         """Before the first instant.
 
-        `at_start` holds names and sites of the vehicles where they start, `truth` is the room for
-        their motion, of which `motion` gives what is there from an instant on.
+        `at_start` holds names and sites of the vehicles where they start. `truth` has room for the
+        motion of the whole mission, which the simulation fills in. `motion` gives the part of it
+        from an instant, by its index, until now.
         """
         self.scenario = scenario
         self._truth = truth
         self._motion = motion
+        # instants of the motion from one filter step to the next
         self._stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
         sensing_of = sensing_of_each(scenario)
         followers = range(len(scenario.followers))
         navigations = [scenario.navigation_of(i) for i in followers]
-        names = [sensing.links.main for sensing in sensing_of]
+        link_names = [sensing.links.main for sensing in sensing_of]
         # of each link that somebody navigates on, by its name
         self._senders = {
             sensing.links.main: SenderMotion(sensing, at_start, truth) for sensing in sensing_of
         }
-        self._sender_of = [self._senders[name] for name in names]
+        self._sender_of = [self._senders[name] for name in link_names]
         settings = [navigation_settings(scenario, at_start.sites, i) for i in followers]
         links = [sender.link for sender in self._senders.values()]
-        interval = sensing_of[0].links.message_every
-        stride = min(interval if link is None else link.every for link in links)
+        broadcast_every = sensing_of[0].links.message_every
+        # filter steps from one message to the next, of the link that has most messages
+        message_every = min(broadcast_every if link is None else link.every for link in links)
         n = len(truth.pose)
         steps = (n - 1) // self._stride
-        self._measured = MeasurementRecord.empty(len(followers), steps, stride)
+        self._measured = MeasurementRecord.empty(len(followers), steps, message_every)
         self._sensing = [
             FollowerSensing(
                 sensing_of[i], i, self._sender_of[i], settings[i].transmitters, self._measured
@@ -72,17 +75,20 @@ class OpenLoop:
             getattr(navigator, "runs_by_steps", False) for navigator in self._navigators
         )
         """Whether estimates are there as soon as the steps are over; else at the end."""
-        self._concluded = SwarmRecord.empty(
+        self._estimated = SwarmRecord.empty(
             len(followers), steps if self.navigates else 0, 0, Estimates, whole=True
         )
-        self._kinds = [getattr(navigator, "ESTIMATES", Estimates) for navigator in self._navigators]
-        self._fixes = [FixTable(kind) for kind in self._kinds]
+        self._estimate_classes = [
+            getattr(navigator, "ESTIMATES", Estimates) for navigator in self._navigators
+        ]
+        self._fixes = [FixTable(estimates) for estimates in self._estimate_classes]
         self._failed = False
         self.steps = 0
         """Filter steps that are over."""
 
     def advance(self, last: int) -> None:
-        """Sense and navigate until an instant of the motion, which is there until then.
+        """Sense and navigate until an instant of the motion, by its index; the motion is there
+        until then.
 
         Signals wait until that is done. After an error nothing more is sensed.
         """
@@ -107,6 +113,7 @@ class OpenLoop:
         self.steps = span.stop
 
     def _measurements(self, follower: int, steps: range) -> Measurements:
+        """What a follower has measured in filter steps `steps.start` + 1 … `steps.stop`."""
         sensing = self._sensing[follower]
         link = self._sender_of[follower].link
         custom = {name: rows[steps.start : steps.stop] for name, rows in sensing.custom.items()}
@@ -120,9 +127,10 @@ class OpenLoop:
         )
 
     def _navigate(self, follower: int, span: range) -> None:
+        """Estimate in filter steps `span.start` + 1 … `span.stop`, by what is measured in them."""
         navigator: Any = self._navigators[follower]
-        state = self._concluded.state[follower]
-        covariance = self._concluded.covariance[follower]
+        state = self._estimated.state[follower]
+        covariance = self._estimated.covariance[follower]
         measurements = self._measurements(follower, span)
         for k, (own_motion, reception) in zip(span, measurements.steps(), strict=True):
             self._fixes[follower].extend(navigator.step(own_motion, reception))
@@ -131,7 +139,9 @@ class OpenLoop:
 
     def _estimates(self, follower: int, steps: range) -> Estimates:
         fixes = self._fixes[follower].rows
-        return self._concluded.estimates_with(fixes, follower, steps, self._kinds[follower])
+        return self._estimated.estimates_with(
+            fixes, follower, steps, self._estimate_classes[follower]
+        )
 
     def part(self, first: int) -> FlightRecord:
         """The flight from a filter step on until now, with the fixes that hold there."""
@@ -162,7 +172,7 @@ class OpenLoop:
         steps = range(self.steps)
         for sensing in self._sensing:
             sensing.close()
-        for array in (self._concluded.state, self._concluded.covariance):
+        for array in (self._estimated.state, self._estimated.covariance):
             # so that estimates need not copy them
             array.flags.writeable = False
         measurements = []

@@ -34,7 +34,7 @@ class PlannedPath(NamedTuple):
     position: Floats  # east, north and up, shape (n, 3), [m]
 
     def at(self, instant: int) -> str:
-        """Time and place for a message."""
+        """Time and place at an instant, by its index, for a message."""
         east, north, up = self.position[instant]
         return f"at {self.time[instant]:.0f} s, {east:.0f} m east, {north:.0f} m north, {-up:.3g} m"
 
@@ -125,6 +125,21 @@ def require_sea(sea: SeaSettings) -> None:
             _require_current(sea, path)
         if sea.ocean.floor is not None:
             _require_floor(sea, path)
+
+
+def require_beacons(sound: SoundSettings) -> None:
+    """LaisnError where a beacon lies below a floor from a file, as far as that is known there."""
+    field = floor_field(sound.sea)
+    if field is None:
+        return
+    for east, north, depth in sound.beacons_m:
+        place = np.array([[east, north]])
+        floor_depth = float(field.floor.depths_at(*place.T)[0])
+        if field.region.within(place)[0] and depth > floor_depth:
+            raise LaisnError(
+                f"links: the beacon at {east:g} m east, {north:g} m north, {depth:g} m deep is "
+                f"below the floor of ocean.floor.file, which lies at {floor_depth:.3g} m there"
+            )
 
 
 def sea_report(sound: SoundSettings) -> list[str]:

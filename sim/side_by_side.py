@@ -31,7 +31,7 @@ from sim.vehicle.lanes import LaneMotion, handles_of_lanes, lane_motion_of, suit
 from sim.vehicle.stepping import OK, Fault, StepHandles, advance
 from sim.water.environment import Environment, sea_at, velocity_of_water
 
-FEW = 2  # missions that move faster one after the other
+FEW = 2  # groups of up to so many missions move faster one after the other than in lanes
 
 
 class LaneMemory(NamedTuple):
@@ -97,7 +97,9 @@ def _copy_all(source: Floats, target: Floats) -> None:
 
 @compiled
 def _settle(memory: LaneMemory, handles: StepHandles) -> Fault:
-    """Take the accelerations of the start, as `Plant` does for its own."""
+    """Find the accelerations at the start, on which the first step depends, by a step that is taken
+    back, as `Plant` does for its own.
+    """
     pose = memory.motion.pose.copy()
     twist = memory.motion.twist.copy()
     fault = advance(handles, lanes_of(memory.motion.command), 1)
@@ -147,7 +149,10 @@ def _fly(
     kinds: Kinds,
     truths: tuple[StateHistory, ...],
 ) -> Fault:
-    """Fly missions to their end; what ended that."""
+    """Fly the missions in the first `used` lanes to their end; what ended that.
+
+    `substeps` are physics steps from one instant to the next, `truths` histories by lane, out.
+    """
     handles = handles_of_lanes(memory.motion, kinds)
     fault = _settle(memory, handles)
     if fault[0] != OK:
@@ -202,9 +207,10 @@ def _is_for_lanes(motion: MotionSettings) -> bool:
 
 def _shape_of(motion: MotionSettings) -> str:
     """What missions side by side have in common, beside the physics."""
-    numbers = {"current_speed_m_s", "current_direction_deg", "current_shear_per_s"}
-    numbers |= {"density_kg_m3", "waves"}
-    sea = motion.sea.ocean.model_dump(mode="json", exclude=numbers)
+    # keys of the sea whose values may differ
+    free_keys = {"current_speed_m_s", "current_direction_deg", "current_shear_per_s"}
+    free_keys |= {"density_kg_m3", "waves"}
+    sea = motion.sea.ocean.model_dump(mode="json", exclude=free_keys)
     waves = motion.sea.ocean.waves
     components = {"none": 0, "regular": 1, "jonswap": waves.components}[waves.kind]
     return repr(
@@ -213,17 +219,17 @@ def _shape_of(motion: MotionSettings) -> str:
 
 
 def groups_for_lanes(motions: Sequence[MotionSettings], most: int = LANES) -> list[list[int]]:
-    """Numbers of the missions that may move side by side, in groups of up to `most`; of a group of
-    two each moves faster alone, so that it is left out.
+    """Indices of the missions that may move side by side, in groups of up to `most`; groups of up
+    to FEW, whose missions move faster alone, are left out.
     """
     by_shape: dict[str, list[int]] = {}
     for i, motion in enumerate(motions):
         if _is_for_lanes(motion):
             by_shape.setdefault(_shape_of(motion), []).append(i)
     groups = [
-        numbers[first : first + most]
-        for numbers in by_shape.values()
-        for first in range(0, len(numbers), most)
+        indices[first : first + most]
+        for indices in by_shape.values()
+        for first in range(0, len(indices), most)
     ]
     return [group for group in groups if len(group) > FEW]
 

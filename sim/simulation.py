@@ -55,7 +55,7 @@ from sim.water.environment import Environment, water_velocity
 TICK = CONTROL_STEP_S  # interval of guidance, autopilot and recording [s]
 # code of a failed navigator; the number of its follower, from 1, is given with it
 NAVIGATION_FAILED = -1
-PROGRESS_TICKS = 500
+PROGRESS_TICKS = 500  # ticks from one call of `progress` to the next
 
 
 class EndedError(LaisnError):
@@ -151,7 +151,9 @@ def steer_along_route(k: int, truth: StateHistory, i: int, routes: RouteControl)
 def steer_vehicle(
     k: int, i: int, state: tuple[Pose, Twist, Vector | Floats], routes: RouteControl
 ) -> None:
-    """The same by its pose, twist and water, as rows of a StateHistory, of one mission or lanes."""
+    """`steer_along_route` by pose, twist and water of the vehicle, which are rows of a
+    StateHistory, of one mission or in lanes.
+    """
     reference = routes.reference[k, i]
     guidance = routes.guidance[i]
     pose, twist, water = state
@@ -224,7 +226,7 @@ class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
     handles: StepHandles | FleetHandles  # of the plant
-    state: PlantState  # its own
+    state: PlantState  # of the plant
     environment: Environment
     controller: Controller
     command: Floats  # of the effectors, shape (v, m)
@@ -234,21 +236,21 @@ class LoopState(NamedTuple):
 
 
 @jitable
-def _simulate(first: int, last: int, run: LoopState) -> tuple[int, Fault]:
+def _simulate(first: int, last: int, loop: LoopState) -> tuple[int, Fault]:
     """Step, record and control from one instant to another.
 
     Gives the last instant that is recorded, and what ended the simulation.
     """
     for k in range(first, last + 1):
         if k > 0:
-            fault = run.handles.run_steps(run.command, run.substeps)
+            fault = loop.handles.run_steps(loop.command, loop.substeps)
             if fault[0] != OK:
                 return k - 1, fault
-        record_state(k, run.state, run.environment, run.truth)
-        failed = run.controller.control(k, run.truth)
+        record_state(k, loop.state, loop.environment, loop.truth)
+        failed = loop.controller.control(k, loop.truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
-        run.instants[0] = k + 1
+        loop.instants[0] = k + 1
     return last, (OK, -1)
 
 
@@ -321,12 +323,13 @@ class Mission:
         ticks = round(duration / TICK)
         v = len(plant.names)
         autopilot_designs = design(plant, tuple(depth_control or ["pitch"] * v))
+        # how early accelerations are given, for the lag of the autopilot [s]
         lead = [float(lag) for lag in 0.25 / autopilot_designs["omega"]]
-        radii = [least_radius(plant, i, d) for i, d in enumerate(autopilot_designs)]
+        least_radii = [least_radius(plant, i, d) for i, d in enumerate(autopilot_designs)]
         time = np.arange(ticks + 1, dtype=np.float64) * TICK
         self.routes = RouteControl(
             kinds=kinds_of(autopilot_designs["effectors"]),
-            reference=reference(routes, time, lead, radii),
+            reference=reference(routes, time, lead, least_radii),
             autopilot_designs=autopilot_designs,
             guidance=records(GUIDANCE_MEMORY, v),
             autopilot_memories=records(AUTOPILOT_MEMORY, v),
@@ -338,7 +341,7 @@ class Mission:
             self.controller = make_controller(plant, self.routes)
         self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
         self._instants = np.zeros(1, dtype=np.int64)
-        self._run = LoopState(
+        self._loop = LoopState(
             handles=plant.step_handles(),
             state=plant.state,
             environment=plant.ocean.environment,
@@ -349,7 +352,7 @@ class Mission:
             substeps=round(TICK / plant.dt),
         )
         self.observers: list[Observer] = []
-        self._observed = 0
+        self._observed = 0  # how many instants observers got
 
     @property
     def instants(self) -> int:
@@ -368,7 +371,7 @@ class Mission:
     @cached_property
     def _held(self) -> Held | None:
         """What the loop works on, as compiled code takes it; None: a controller is in Python."""
-        return Held(self._run) if isinstance(self.controller, tuple) else None
+        return Held(self._loop) if isinstance(self.controller, tuple) else None
 
     def advance(self, last: int) -> None:
         """Fly, control and record until an instant; nothing from outside is looked at meanwhile,
@@ -381,7 +384,7 @@ class Mission:
         plant.set_clock()
         end = min(last, self.last)
         if self._held is None:
-            k, fault = _simulate(self.instants, end, self._run)
+            k, fault = _simulate(self.instants, end, self._loop)
         else:
             k, fault = _simulate_held(self.instants, end, self._held)
         plant.ocean.raise_custom_error()
@@ -689,9 +692,10 @@ def simulate_motion(
     `Scenario.keys_needing_closed_loop`.
 
     LaisnError if a route cannot be flown, the sea is impossible, or that controller is missing;
-    DivergedError if the simulation left finite numbers; GroundedError or OffRouteError if a vehicle
-    went below the floor or left its route (`sim.tracking.bounds_of`); ContactError if vehicles
-    touched, which ends the scenario's mission.
+    DivergedError if the simulation left finite numbers; GroundedError, LeftFieldError or
+    OffRouteError if a vehicle went below the floor, left the area of a field of the sea or left its
+    route (`sim.tracking.bounds_of`); ContactError if vehicles touched in a scenario whose missions
+    end with that.
     """
     if make_controller is None:
         require_open_loop(scenario.name, scenario.keys_needing_closed_loop())

@@ -28,7 +28,7 @@ from sim.sensing.noise import (
     STREAMS,
     Stream,
     two_normals,
-    two_units,
+    two_uniforms,
     uniform,
     words,
 )
@@ -263,7 +263,7 @@ def _draw_normals(noise: Noise, stream: int, step: int) -> None:
     number = _number(stream, follower)
     for lane in range(noise.lanes):
         w0, w1, w2, w3 = words(seed, first_run + np.uint64(lane), number, np.uint64(step))
-        draws[_FIRST + lane], draws[_SECOND + lane] = two_units(w0, w1, w2, w3)
+        draws[_FIRST + lane], draws[_SECOND + lane] = two_uniforms(w0, w1, w2, w3)
     for lane in range(noise.lanes):
         draws[_FIRST + lane], draws[_SECOND + lane] = two_normals(
             draws[_FIRST + lane], draws[_SECOND + lane]

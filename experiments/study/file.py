@@ -17,7 +17,7 @@ from experiments.flight.library import name_of, scenario_names
 from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
 from laisn.errors import LaisnError, printable, screenful, shortened
 from reports.intervals import FEWEST_RUNS
-from sim.scenario.file import dotted, is_model_key, key_of, plain_values, read
+from sim.scenario.file import dotted, is_file_key, key_of, plain_values, read
 from sim.scenario.section import Section
 from sim.scenario.settings import Name
 from sim.scenario.vehicles import is_mjcf
@@ -276,7 +276,7 @@ def _with_renamed_files(
             return [renamed(name) for name in value]
         return rename(value) if isinstance(value, str) and not is_mjcf(value) else value
 
-    return {key: renamed(value) if is_model_key(key) else value for key, value in settings.items()}
+    return {key: renamed(value) if is_file_key(key) else value for key, value in settings.items()}
 
 
 class _Setting(NamedTuple):
@@ -572,9 +572,7 @@ def table_in(study: Study, folder: Path) -> dict[str, Any]:
     def relative_to_folder(settings: Mapping[str, Any]) -> dict[str, Any]:
         return _with_renamed_files(settings, lambda name: relpath(name, folder))
 
-    hulls = {
-        factor.key: list(factor.values) for factor in study.factors if is_model_key(factor.key)
-    }
+    hulls = {factor.key: list(factor.values) for factor in study.factors if is_file_key(factor.key)}
     scenarios = [
         scenario if scenario in scenario_names() else relpath(scenario, folder)
         for scenario in study.scenarios.values()

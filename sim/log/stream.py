@@ -18,7 +18,9 @@ _STATIC = "/tf_static"
 
 
 class FoxgloveStream:
-    """A server of this machine alone that gets each message of a flight's log once."""
+    """A server of this machine alone that gets each message of a flight's log once; transforms that
+    never change are sent again with every call, for clients that come later.
+    """
 
     def __init__(self, port: int = PORT) -> None:
         """Serve on a port, 0: any that is free; LaisnError if it is taken."""
@@ -36,8 +38,8 @@ class FoxgloveStream:
         self._begin()
 
     def _begin(self) -> None:
-        self._writers: dict[str, Any] = {}
-        self._sent: dict[str, int] = {}
+        self._writers: dict[str, Any] = {}  # Foxglove's channels by topic
+        self._sent: dict[str, int] = {}  # how many messages were sent, by topic
 
     @property
     def address(self) -> str:

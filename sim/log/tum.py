@@ -30,6 +30,9 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
 
 
 def _write(path: Path, time_ns: Ints, position: Floats, quaternion: Floats) -> Path:
+    """Write poses at times since 1970, shape (n,), [ns]: positions, shape (n, 3), [m], and
+    quaternions (w, x, y, z), shape (n, 4).
+    """
     lines = ["# time [s] east north up [m] qx qy qz qw\n"]
     xyzw = np.roll(quaternion, -1, axis=1)
     for stamp_ns, east_north_up, qxyzw in zip(

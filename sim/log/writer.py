@@ -56,7 +56,7 @@ from sim.sensing.sensors import sensors_of_all
 from sim.system import signals_after
 from sim.trajectory import Trajectory
 
-_EVERY_S = 100.0  # a flight under way is logged after so much of it [s]
+_WRITE_INTERVAL_S = 100.0  # mission time from one write of a flight under way to the next [s]
 _MARGIN_S = 5.0  # a part begins by so much before the trails that it draws [s]
 _PACKAGES = ("laisn-sim", "mujoco", "numpy", "scipy", "numba", "mcap", "foxglove-sdk")
 _CONVENTIONS: dict[str, str] = json.loads(
@@ -228,7 +228,7 @@ def _transforms(
 
 
 def _state(t: Trajectory, v: int, effector_count: int) -> dict[str, Column]:
-    """Columns of the true state of vehicle v."""
+    """Columns of the true state of vehicle v, by the names of `sim.log.schema.vehicle_state`."""
     computed: dict[str, Column] = {
         "depth": lambda part: -t.pose[part, v, 2],
         "pitch": lambda part: attitude.heading_pitch_roll(t.quaternion[part, v])[1],
@@ -289,7 +289,9 @@ def _headers_of(flight: FlightRecord) -> dict[str, SensorHeader]:
 
 
 def _links(flight: FlightRecord, name: str, m: Measurements, time_ns: Ints) -> Iterator[LogChannel]:
-    """Messages of further links that a vehicle has received."""
+    """Messages of further links that a vehicle has received; times are those of all filter steps
+    [ns].
+    """
     headers = _headers_of(flight)
     for link, messages in m.links.items():
         arrays: dict[str, Column] = {"message": messages.message, "ranges": messages.ranges}
@@ -596,7 +598,7 @@ class FlightLog:
         Signals wait until it is in the file. LogError: the file cannot be written.
         """
         dt = flight.scenario.timing.filter_step_s
-        if flight.navigates and flight.steps * dt - self._written_s >= _EVERY_S:
+        if flight.navigates and flight.steps * dt - self._written_s >= _WRITE_INTERVAL_S:
             with signals_after(), self._complete_or_kept():
                 self._append(
                     flight.part(self._first_step(sensing_of_each(flight.scenario))),

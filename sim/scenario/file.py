@@ -99,11 +99,11 @@ def _hint(location: Location) -> str:
     name = shortened(str(location[-1]), 80)
     names = _keys(location[:-1])
     other_keys = sorted(_all_keys().get(name, []), key=lambda key: key.count("."))
-    section = [key for key in other_keys if key.partition(".")[0] == str(location[0])]
+    in_same_section = [key for key in other_keys if key.partition(".")[0] == str(location[0])]
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     closest = difflib.get_close_matches(name, names, n=1, cutoff=0.75)
-    if section or (other_keys and not closest):
-        return f"did you mean {' or '.join((section or other_keys)[:3])}?"
+    if in_same_section or (other_keys and not closest):
+        return f"did you mean {' or '.join((in_same_section or other_keys)[:3])}?"
     if close:
         return f"did you mean {close[0]!r}?"
     distant = difflib.get_close_matches(name, _all_keys(), n=1, cutoff=0.8)
@@ -117,6 +117,7 @@ def _expected(error: Mapping[str, Any]) -> str:
     field = _field(error["loc"])
     kind = error["type"]
     message = str(error["msg"]).removeprefix("Value error, ")
+    # what the items of a list hold, where its description begins with that: [[east, north], …]
     form = re.match(r"\[+.*?\](?:, …\])?", field.description or "") if field else None
     is_list = isinstance(error["input"], dict) or (
         _is_list_of_tables(field) and not isinstance(error["loc"][-1], int)
@@ -169,6 +170,7 @@ def _expected_text(error: Mapping[str, Any]) -> str:
 
 
 def _line(error: Mapping[str, Any]) -> str:
+    """The text of an error of pydantic's: key, what is wrong, and the value."""
     key = shortened(printable(key_of(error["loc"])), 100)
     if error["type"] == "extra_forbidden":
         return f"{key}: unknown key; {_hint(error['loc'])}"
@@ -255,6 +257,7 @@ def line_in(text: str, changed: Iterable[str] = ()) -> Callable[[Location], str]
 
 
 def _changed_location(key: str) -> Location:
+    """A dotted key as a location; "*", which is any number, stays."""
     return tuple(int(name) if _INDEX.fullmatch(name) else name for name in key.split("."))
 
 
@@ -287,9 +290,9 @@ def _require_bounded(table: object) -> None:
     """ScenarioError naming the key of what lies deeper than `DEEPEST`, of text that is no Unicode,
     and of an integer of thousands of digits.
     """
-    left: list[tuple[Location, Any]] = [((), table)]
-    while left:
-        location, value = left.pop()
+    unchecked: list[tuple[Location, Any]] = [((), table)]
+    while unchecked:
+        location, value = unchecked.pop()
         if isinstance(value, str):
             problem = "" if _is_unicode(value) else "this is no Unicode text"
         elif isinstance(value, int):
@@ -301,7 +304,7 @@ def _require_bounded(table: object) -> None:
             if len(location) < DEEPEST:
                 problem = ""
                 inner = value.items() if isinstance(value, Mapping) else enumerate(value)
-                left += [
+                unchecked += [
                     ((*location, key), member) for key, member in inner if type(member) is not float
                 ]
                 names = (key for key in value if isinstance(value, Mapping))
@@ -340,17 +343,19 @@ def plain_values(table: object) -> Any:
     )
 
 
-def is_model_key(key: str) -> bool:
+def is_file_key(key: str) -> bool:
     """Whether a dotted key of a scenario names a file: of a hull, or of a field of the sea."""
     hulls = r"(leader|followers\.(\d+|\*)|formation\.shape)\.model"
     fields = r"ocean\.(current|floor|sound_speed|density)\.file"
     return re.fullmatch(rf"{hulls}|{fields}", key) is not None
 
 
-def path_from_folder(model: Any, folder: Path) -> Any:
-    """The name of a file as seen from here, for one that is named as seen from a folder."""
-    is_file = isinstance(model, str) and not is_mjcf(model) and model not in models.VEHICLES
-    return str(folder / model) if is_file else model
+def path_from_folder(value: Any, folder: Path) -> Any:
+    """The name of a file as seen from here, for one that is named as seen from a folder; the text
+    of a hull, a vehicle of `models.VEHICLES` and what is no text stay as they are.
+    """
+    is_file = isinstance(value, str) and not is_mjcf(value) and value not in models.VEHICLES
+    return str(folder / value) if is_file else value
 
 
 def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -508,6 +513,7 @@ def value_of(text: str) -> Any:
 
 
 def _parts_of(key: str) -> list[int | str]:
+    """Names and list indices of a dotted key."""
     return [int(name) if _INDEX.fullmatch(name) else name for name in key.split(".")]
 
 

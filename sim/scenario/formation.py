@@ -67,13 +67,13 @@ class ShapeTable(Section):
         1.0, description="depth increment per follower"
     )
     layers: Annotated[int, Field(ge=1, le=MAX_FOLLOWERS)] | None = Field(
-        None, description="assigned cyclically; default: count"
+        None, description="number of depths, given to followers in turn; default: count"
     )
     model: str | None = Field(None, description="model of the followers, as of `[[followers]]`")
 
 
 def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
-    """Place of follower i behind the leader and to port, in spacings."""
+    """Place of follower i behind the formation's front and to port of the trail, in spacings."""
     if kind == "line":
         return 0.0, i - 0.5 * (count - 1)
     if kind == "v":
@@ -91,10 +91,11 @@ def _offset(kind: str, i: int, count: int) -> tuple[float, float]:
     return radius * (1.0 - math.cos(angle)), radius * math.sin(angle)
 
 
-def _table(i: int, behind_m: float, port: float, depth: float) -> dict[str, Any]:
+def _follower_table(i: int, behind: float, port: float, depth: float) -> dict[str, Any]:
+    """Table of follower i, counted from 0, on a station [m]."""
     return {
         "name": f"follower-{i + 1}",
-        "station": {"behind_m": behind_m, "port_m": port, "depth_m": depth},
+        "station": {"behind_m": behind, "port_m": port, "depth_m": depth},
     }
 
 
@@ -102,12 +103,12 @@ def followers_of(shape: ShapeTable) -> list[dict[str, Any]]:
     """Tables of the followers of a shape: names and stations, each in its layer."""
     tables = []
     for i in range(shape.count):
-        behind_m, port = _offset(shape.kind, i, shape.count)
+        spacings_behind, spacings_port = _offset(shape.kind, i, shape.count)
         depth = shape.depth_m + i % (shape.layers or shape.count) * shape.layer_m
-        behind_m = shape.behind_m + behind_m * shape.spacing_m
-        port = port * shape.spacing_m
+        behind = shape.behind_m + spacings_behind * shape.spacing_m
+        port = spacings_port * shape.spacing_m
         hull = {"model": shape.model} if shape.model else {}
-        tables.append(_table(i, round(behind_m, 6), round(port, 6), depth) | hull)
+        tables.append(_follower_table(i, round(behind, 6), round(port, 6), depth) | hull)
     return tables
 
 
@@ -140,22 +141,25 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
     """Tables of followers on stations drawn evenly over an area, each again until it keeps its
     distance.
 
-    `address` is the key of the random numbers. ValueError if the area is too small for so many.
+    `address` is the seed of the random numbers. ValueError if the area is too small for so many.
     """
     rng = np.random.default_rng(address)
-    places = list[tuple[float, float]]()
+    places = list[tuple[float, float]]()  # behind the leader, and to port of its trail [m]
     while len(places) < area.count:
         for _ in range(_TRIES):
-            x = round(area.behind_m + area.length_m * float(rng.random()), 2)
-            y = round(area.width_m * (float(rng.random()) - 0.5), 2)
-            if all(math.hypot(x - a, y - b) >= area.spacing_m for a, b in places):
-                places.append((x, y))
+            behind = round(area.behind_m + area.length_m * float(rng.random()), 2)
+            port = round(area.width_m * (float(rng.random()) - 0.5), 2)
+            if all(math.hypot(behind - a, port - b) >= area.spacing_m for a, b in places):
+                places.append((behind, port))
                 break
         else:
             raise ValueError(
                 f"{area.count} stations {area.spacing_m:g} m apart do not fit into the area"
             )
-    return [_table(i, x, y, area.depth_m + i * area.layer_m) for i, (x, y) in enumerate(places)]
+    return [
+        _follower_table(i, behind, port, area.depth_m + i * area.layer_m)
+        for i, (behind, port) in enumerate(places)
+    ]
 
 
 class Formation(Section):
@@ -251,12 +255,12 @@ def station_inconsistencies(
             )
     for (other, b), (name, a) in combinations(stations, 2):
         distance = math.hypot(a.behind_m - b.behind_m, a.port_m - b.port_m)
-        layers = abs(a.depth_m - b.depth_m)
+        depth_difference = abs(a.depth_m - b.depth_m)
         names = f"{name}.station and {other}.station"
-        if distance < MIN_SEPARATION_M and layers < MIN_LAYER_SPACING_M:
-            text = f"{names} are {distance:.3g} m apart in layers {layers:.3g} m apart"
+        if distance < MIN_SEPARATION_M and depth_difference < MIN_LAYER_SPACING_M:
+            text = f"{names} are {distance:.3g} m apart in layers {depth_difference:.3g} m apart"
             problems.append(f"{text}; {expected} or {MIN_LAYER_SPACING_M:g} m are needed")
-        if proximity and distance < proximity.range_m and layers < MIN_LAYER_SPACING_M:
+        if proximity and distance < proximity.range_m and depth_difference < MIN_LAYER_SPACING_M:
             problems.append(
                 f"{names} are {distance:.3g} m apart in one layer, within {key}.range_m = "
                 f"{proximity.range_m:g}: their followers would push each other away for ever"

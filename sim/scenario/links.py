@@ -9,9 +9,12 @@ from sim.scenario.section import LIST_OR_TUPLE, Coordinate, Name, NonNegative, P
 LEADER_LINK = "leader"
 """Name of the leader's broadcast."""
 Place = Annotated[tuple[Coordinate, Coordinate, NonNegative], LIST_OR_TUPLE]
+"""East, north and depth [m]."""
 Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LIST_OR_TUPLE]
+"""Forward, port and up in a vehicle's hull [m]."""
 Quantity = Literal["position", "heading", "speed", "depth", "attitude"]
-_ON_HULL = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
+_DEFAULT_TRANSMITTERS = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
+"""Offsets of the rear, front and middle transmitter: those of the leader's hull."""
 
 
 class LinkTable(Section):
@@ -22,7 +25,7 @@ class LinkTable(Section):
     transmitters_m: Annotated[
         tuple[Offset, ...], LIST_OR_TUPLE, Field(min_length=1, max_length=3)
     ] = Field(
-        _ON_HULL,
+        _DEFAULT_TRANSMITTERS,
         description="[[forward, port, up], …] of the sender's rear, front and middle "
         "transmitter from its origin",
     )

@@ -16,12 +16,12 @@ from pydantic import (
     field_validator,
 )
 
-from laisn import settings as assumptions
 from laisn.errors import LaisnError
 from laisn.navigators import CUSTOM_SECTION, NAVIGATORS, find
 from laisn.plugins import is_plugin_name
 from laisn.settings import (
     VARIANTS,
+    Assume,
     BeaconSettings,
     NavigationSettings,
     RivalSettings,
@@ -30,10 +30,9 @@ from laisn.settings import (
     WaterBeaconSettings,
     transmitters_of,
 )
-from sim.scenario.links import LEADER_LINK
+from sim.scenario.links import LEADER_LINK, Offset
 from sim.scenario.section import (
     LIST_OR_TUPLE,
-    Coordinate,
     FurtherKeys,
     Name,
     NonNegative,
@@ -42,26 +41,25 @@ from sim.scenario.section import (
     with_fields_of,
 )
 
-Offset = Annotated[tuple[Coordinate, Coordinate, Coordinate], LIST_OR_TUPLE]
 _TYPICAL_SOUND_M_S = 1500.0
 
-Kind = TypeVar("Kind")
+SettingsClass = TypeVar("SettingsClass")
 
 
-def _settings_from(kind: type[Kind], values: Mapping[str, Any]) -> Kind:
+def _settings_from(settings_class: type[SettingsClass], values: Mapping[str, Any]) -> SettingsClass:
     """A dataclass of those values that are fields of it, or of a dataclass in it."""
     arguments = {}
-    for field in fields(kind):  # type: ignore[arg-type]
+    for field in fields(settings_class):  # type: ignore[arg-type]
         inner: Any = field.default_factory
         if is_dataclass(inner):
             arguments[field.name] = _settings_from(cast("type[Any]", inner), values)
         elif field.name in values:
             arguments[field.name] = values[field.name]
-    return kind(**arguments)
+    return settings_class(**arguments)
 
 
 @with_fields_of(TightSettings)
-@with_fields_of(assumptions.Assume)
+@with_fields_of(Assume)
 class AssumeTable(FurtherKeys):
     """Model assumptions and sensor errors of the tightly coupled navigator; unused by LAISN."""
 
@@ -181,13 +179,14 @@ class Navigation(FurtherKeys):
         """Settings of the navigator: `defaults` by the names of fields, replaced by keys of its own
         section.
 
-        By the speed of sound that it assumes errors of a clock become ranges. LaisnError if there
-        is no such navigator, or a key of `custom` is none of its settings.
+        `sound_m_s` is the speed of sound that it assumes [m/s], by which its clock's errors [s]
+        become those of ranges [m]. LaisnError if there is no such navigator, or a key of `custom`
+        is none of its settings.
         """
         spec = find(self.variant)
-        names = {field.name for field in fields(spec.settings)}
+        field_names = {field.name for field in fields(spec.settings)}
         if CUSTOM_SECTION in spec.sections:
-            return self._custom_settings(spec.settings, names, defaults or {})
+            return self._custom_settings(spec.settings, field_names, defaults or {})
         values = dict(defaults or {})
         for name in spec.sections:
             values |= in_si(dict(getattr(self, name)))
@@ -195,28 +194,31 @@ class Navigation(FurtherKeys):
             # errors of the clock are those of ranges
             values[name] *= sound_m_s
         if not spec.sections:
-            values |= in_si(dict(self), names)
+            values |= in_si(dict(self), field_names)
         if self.variant not in VARIANTS:
             # a navigator of one's own without settings of its own is no variant of LAISN
             values.pop("variant", None)
         return _settings_from(spec.settings, values)
 
     def _custom_settings(
-        self, kind: type[Settings], names: set[str], defaults: Mapping[str, Any]
+        self, settings_class: type[Settings], field_names: set[str], defaults: Mapping[str, Any]
     ) -> Settings:
-        section = in_si(self._section(), names)
-        unknown = set(section) - names
+        section = in_si(self._section(), field_names)
+        unknown = set(section) - field_names
         if unknown:
             available = (
-                ", ".join(sorted(names - {field.name for field in fields(Settings)})) or "none"
+                ", ".join(sorted(field_names - {field.name for field in fields(Settings)}))
+                or "none"
             )
             raise LaisnError(
                 f"navigation.custom: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
                 f"{available}"
             )
-        values = {name: value for name, value in {**defaults, **section}.items() if name in names}
+        values = {
+            name: value for name, value in {**defaults, **section}.items() if name in field_names
+        }
         try:
-            return TypeAdapter(kind).validate_python(values)
+            return TypeAdapter(settings_class).validate_python(values)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             key = ".".join(map(str, ("navigation.custom", *first["loc"])))

@@ -126,7 +126,7 @@ class LinkSettings:
     filter_step_s: float
     navigated: tuple[str, ...]  # links that followers navigate on, the main one first
     navigated_by_leader: tuple[str, ...] = ()  # the same of the leader, in any order
-    main_of_leader: str = ""  # that which its navigator takes for its main one; or none
+    main_of_leader: str = ""  # link that its navigator takes for its main one; "": none
     # those that any follower navigates on, where followers navigate differently
     navigated_by_any: tuple[str, ...] = ()
 
@@ -170,7 +170,7 @@ class LinkSettings:
         return self.navigated[1:]
 
     def steps(self, time_s: float) -> int:
-        """Filter steps in a time."""
+        """Number of filter steps in a time [s]."""
         return round(time_s / self.filter_step_s)
 
     @property
@@ -213,7 +213,7 @@ class SensingSettings:
     broadcast_attitude: bool
     sound: SoundSettings
     links: LinkSettings
-    transmitters: int  # of a message that navigators use
+    transmitters: int  # how many transmitters of a message navigators use
     sound_speed: Literal["mean", "straight", "profile"]  # that navigators assume
     kind: Literal["physics", "kinematic"]  # of the motion
 

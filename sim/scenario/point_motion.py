@@ -33,10 +33,10 @@ SHARPEST_CUT = float(np.deg2rad(135.0))
 class PlannedMotion(NamedTuple):
     """Motion on a time grid, each of shape (n,)."""
 
-    east: Floats
-    north: Floats
+    east: Floats  # [m]
+    north: Floats  # [m]
     course: Floats  # compass direction of motion, continuous (not wrapped) [rad]
-    speed: Floats
+    speed: Floats  # over ground [m/s]
     turn_rate: Floats  # rate of turn, clockwise [rad/s]
     acceleration: Floats  # change of the speed over time [m/s²]
 
@@ -57,7 +57,7 @@ def _later(begin: PlannedMotion, dt: Floats | float) -> PlannedMotion:
 
 class Plan(NamedTuple):
     """Segments of constant acceleration and turn rate, each array of shape (m,); the last one
-    has no end.
+    has no end. Fields are those of `PlannedMotion` at the beginning of each.
     """
 
     start: Floats  # time at which the segment begins [s]
@@ -76,7 +76,9 @@ class Plan(NamedTuple):
 
 
 class _Planner:
-    """Appends segments and keeps the pose at the end of the last one."""
+    """Appends segments, rows of `Plan`, and keeps time and motion at the end of the last one;
+    `least_radius` is that of turns [m].
+    """
 
     def __init__(
         self, east: float, north: float, course: float, speed: float, least_radius: float
@@ -156,17 +158,20 @@ def _leg(route: Route, k: int, planner: _Planner, cut: float) -> tuple[float, fl
     where = f"route {route.name!r}, waypoint {k + 1}"
     east, north = route.waypoint[k, 0] - planner.east, route.waypoint[k, 1] - planner.north
     straight = float(east * np.sin(planner.course) + north * np.cos(planner.course))
-    # along the arc to its middle the way is shorter than to the corner by speed × saved
+    # along the arc to its middle the way is shorter than to the corner by speed × saved [s]
     saved = (np.tan(cut / 2) - cut / 2) / TURN_RATE
-    left = float(route.time[k]) - planner.time
+    time_left = float(route.time[k]) - planner.time
     stops = _stops(route, k)
-    find = _leg_speed_to_rest if stops else _leg_speed
-    speed = find(straight, left + saved, planner.speed)
+    leg_speed = _leg_speed_to_rest if stops else _leg_speed
+    speed = leg_speed(straight, time_left + saved, planner.speed)
     if speed < planner.least_radius * TURN_RATE:
         # on an arc of that radius, what it saves is a distance
-        speed = find(straight - planner.least_radius * saved * TURN_RATE, left, planner.speed)
+        shorter = straight - planner.least_radius * saved * TURN_RATE
+        speed = leg_speed(shorter, time_left, planner.speed)
     if not SPEED_MIN <= speed <= SPEED_MAX * (1 + 1e-9):
-        requirement = f"{max(straight, 0.0) / left:.3g} m/s on average" if left > 0 else "more time"
+        requirement = (
+            f"{max(straight, 0.0) / time_left:.3g} m/s on average" if time_left > 0 else "more time"
+        )
         raise LaisnError(
             f"{where}: {requirement} required after {planner.speed:.3g} m/s; out of reach with "
             f"{ACCELERATION:.3g} m/s² and speeds from {SPEED_MIN} to {SPEED_MAX:.3g} m/s"
@@ -303,7 +308,9 @@ def _acceptable(
     time: Floats,
     leader: PlannedMotion,
 ) -> bool:
-    """Whether the route through all points so far can be flown and keeps to its class."""
+    """Whether the route through all points so far, each time [s], east and north [m], can be flown
+    and keeps to its class; `leader` is the motion at `time`.
+    """
     route = Route.timed("random", points, FOLLOWER_DEPTH, start_heading=float(leader.course[0]))
     if route.leg_speed[-1] < route_class.speed_min:
         return False
@@ -369,18 +376,20 @@ def random_route(
     )
 
 
-def random_waypoints(name: str, address: Sequence[int]) -> tuple[tuple[float, float, float], ...]:
-    """Waypoints of a drawn route of a class that can also be flown from its first course: time [s],
-    east, north [m].
+def random_waypoints(
+    class_name: str, address: Sequence[int]
+) -> tuple[tuple[float, float, float], ...]:
+    """Waypoints of a drawn route of a class of CLASSES that can also be flown from its first
+    course: time [s], east, north [m].
 
-    `address` is the key of the random numbers. LaisnError if no such route was found.
+    `address` is the seed of the random numbers. LaisnError if no such route was found.
     """
     for attempt in range(100):
-        route = random_route(np.random.default_rng([*address, attempt]), CLASSES[name])
+        route = random_route(np.random.default_rng([*address, attempt]), CLASSES[class_name])
         points = np.column_stack([route.time, route.waypoint.round(1)])
         try:
-            plan(Route.timed(name, points, FOLLOWER_DEPTH))
+            plan(Route.timed(class_name, points, FOLLOWER_DEPTH))
         except LaisnError:
             continue
         return tuple((float(t), float(x), float(y)) for t, x, y in points)
-    raise LaisnError(f"no route of class {name} can be flown")
+    raise LaisnError(f"no route of class {class_name} can be flown")

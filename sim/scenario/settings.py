@@ -130,14 +130,16 @@ class OceanTable(Section):
         return any(table is not None and table.file is not None for table in tables)
 
     @property
-    def moves(self) -> bool:
+    def has_current(self) -> bool:
         """Whether there is a current at the surface."""
         return self.current is not None or any(
             speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)]
         )
 
     def current_change(self) -> Floats:
-        """The profile as time [s], east and north [m/s], shape (n, 3)."""
+        """The surface current over time, points of `current_profile`: time [s], east and north
+        [m/s], shape (n, 3).
+        """
         points = np.reshape(self.current_profile, (-1, 3))
         towards = np.deg2rad(points[:, 2])
         return np.column_stack(
@@ -395,7 +397,7 @@ class Scenario(Section):
             errors += [
                 f"{key} needs motion = 'physics'; the paper's point motion is planned whole before "
                 "anything is sensed"
-                for key in self.keys_of_roles()
+                for key in self._feedback_keys()
             ]
         for i, follower in enumerate(self.followers if self.motion != "physics" else ()):
             if follower.station or follower.controller:
@@ -464,7 +466,8 @@ class Scenario(Section):
             beacons_below_floor = [
                 beacon[2] for beacon in link.beacons_m if beacon[2] > self.ocean.floor_depth_m
             ]
-            if beacons_below_floor:
+            # a floor from a file is read when the mission is checked
+            if self.ocean.floor is None and beacons_below_floor:
                 errors.append(
                     f"{key}.beacons_m: {beacons_below_floor[0]:g} m is below the floor at "
                     f"{self.ocean.floor_depth_m:g} m"
@@ -547,9 +550,9 @@ class Scenario(Section):
             if getattr(self.leader, key) == "estimate"
         ]
 
-    def keys_of_roles(self) -> list[str]:
-        """Keys by which what vehicles send, receive or do depends on what they have read and
-        received until then, beside the control of followers.
+    def _feedback_keys(self) -> list[str]:
+        """Keys that are set, and by which what vehicles send, receive or do depends on what they
+        have read and received until then; those of the followers' control are not among them.
         """
         keys = [
             f"leader.{key}" for key in ("controller", "navigation") if getattr(self.leader, key)
@@ -568,13 +571,14 @@ class Scenario(Section):
         return keys
 
     def keys_needing_closed_loop(self) -> list[str]:
-        """Keys by which vehicles move, or what they send, depends on what they have read and
-        received: stations, steering by estimates, controllers, a leader that navigates, answers.
+        """Keys that are set, and by which what vehicles do or send depends on what they have read
+        and received: stations, steering by estimates, controllers, a leader that navigates,
+        answers.
         """
         followers = list(enumerate(self.followers))
         keys = [f"followers.{i}.station" for i, follower in followers if follower.station]
         keys += [f"followers.{i}.controller" for i, follower in followers if follower.controller]
-        keys += self.keys_of_roles()
+        keys += self._feedback_keys()
         return keys + [
             f"followers.{i}.guidance_position = 'estimate'"
             for i, f in followers
@@ -668,8 +672,11 @@ class Scenario(Section):
 
     def _depth_errors(self, key: str, vehicle: Vehicle) -> list[str]:
         errors = []
-        depths = [depth for _, depth in vehicle.depth_profile] or [vehicle.held_depth_m]
-        deepest = max(depths) + vehicle.saw_tooth_amplitude_m
+        # a profile replaces depth and saw-tooth
+        deepest = max(
+            [depth for _, depth in vehicle.depth_profile]
+            or [vehicle.held_depth_m + vehicle.saw_tooth_amplitude_m]
+        )
         if vehicle.saw_tooth_amplitude_m > vehicle.held_depth_m and not vehicle.depth_profile:
             errors.append(
                 f"{key}: saw_tooth_amplitude_m = {vehicle.saw_tooth_amplitude_m:g} about depth_m = "

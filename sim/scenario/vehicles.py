@@ -270,7 +270,7 @@ class Follower(Vehicle):
 
     @property
     def guided_by_estimate(self) -> bool:
-        """Whether it steers by its own estimate."""
+        """Whether it steers by its own estimate; a controller of the user's always does."""
         position = self.guidance_position or ("estimate" if self.station else "truth")
         return bool(self.controller) or position == "estimate"
 

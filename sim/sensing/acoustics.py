@@ -42,8 +42,9 @@ _ITERATIONS = 6
 _DIRECT, _SURFACE, _BOTTOM = map(int, Path)
 
 
-# `navigation.sound_speed` as compiled code takes it
-ASSUMED = ("mean", "straight", "profile")
+# `navigation.sound_speed` as compiled code takes it: receivers compute ranges by one constant
+# speed, by the mean of the profile between both depths, or by rays through the profile
+ASSUMED_SOUND = ("mean", "straight", "profile")
 MEAN, STRAIGHT, PROFILE = range(3)
 
 
@@ -51,21 +52,24 @@ class Sound(NamedTuple):
     """How sound gets to a follower, for compiled code too."""
 
     on_grid: bool  # all pings leave and arrive at an instant that is recorded
-    travels: bool
+    travels: bool  # sound takes its time; else it arrives at once
     slot: float  # from one ping of a message to the next [s]
     lead: float  # from the time that a message states to its first ping [s]
     tail: float  # from its last ping until all of the message is in [s]
     paths: tuple[bool, bool, bool]  # whether each `Path` has a chance to be taken
     max_range: float  # [m]
     rays: Any  # as `sim.water.rays.StraightRays`
-    ratio: float  # range that the follower computes for a metre of path, where it has not
+    # range that the follower computes for a metre of path at the speed `acoustics.sound_speed_m_s`
+    ratio: float
     assumed_speed: float  # speed of sound that the follower assumes, c_b [m/s]
-    clock_offset: float  # [s]
-    clock_drift: float  # [s/s]
+    clock_offset: float  # of the follower's clock from the sender's at the start [s]
+    clock_drift: float  # rate at which that grows [s/s]
 
 
 class Sites(NamedTuple):
-    """Acoustic devices in their hulls: offsets as arrays, or as lists where Python senses."""
+    """Acoustic devices in their hulls: offsets (forward, port, up) as arrays, or as lists where
+    Python senses.
+    """
 
     transmitters: Any  # rear, front and middle, shape (3, 3), [m]
     hydrophones: Any  # of the receivers, shape (f, 3), [m]
@@ -77,7 +81,7 @@ class Listener(NamedTuple):
     vehicle: int  # its index
     hydrophone: Any  # its offset, shape (3,), [m]
     transmitters: int  # how many pings of a message it waits for
-    assumes: int  # of the speed of sound: MEAN, STRAIGHT or PROFILE
+    assumed_sound: int  # how it makes ranges of times: MEAN, STRAIGHT or PROFILE
 
 
 def sound_of(sensing: SensingSettings) -> Sound:
@@ -162,14 +166,16 @@ def _site_between(motion: Motion, vehicle: int, offset: Vector | Floats, time: f
 
 @jitable
 def _arrive(
-    s: Sound, motion: Motion, listener: Listener, path: int, leaves: float, source: Vector
+    s: Sound, motion: Motion, listener: Listener, path: int, departure_time: float, source: Vector
 ) -> Arrival:
-    """How a ping arrives by one `Path` at a vehicle's hydrophone."""
+    """How a ping that leaves a place in the world [m] at a time [s] arrives by one `Path` at a
+    vehicle's hydrophone.
+    """
     vehicle = listener.vehicle
     hydrophone = listener.hydrophone
-    arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, leaves)
+    arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, departure_time)
     apparent = s.rays.apparent_source(path, source, arrival_point)
-    time = leaves
+    time = departure_time
     ratio = s.ratio
     if s.travels:
         # while the receiver moves on by centimetres, the slowness of a bent ray stays
@@ -178,19 +184,19 @@ def _arrive(
             slowness = (
                 first_slowness if s.rays.bends else s.rays.slowness(path, source, arrival_point)
             )
-            arrives = leaves + distance(apparent, arrival_point) * slowness
-            if arrives == time:
+            arrival_time = departure_time + distance(apparent, arrival_point) * slowness
+            if arrival_time == time:
                 break
-            time = arrives
-            arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, arrives)
+            time = arrival_time
+            arrival_point = site_at(s.on_grid, motion, vehicle, hydrophone, arrival_time)
             apparent = s.rays.apparent_source(path, source, arrival_point)
     if s.rays.varies:
         slowness = s.rays.slowness(path, source, arrival_point)
         if s.travels and s.rays.bends:
-            time = leaves + distance(apparent, arrival_point) * slowness
-        if listener.assumes == MEAN:
+            time = departure_time + distance(apparent, arrival_point) * slowness
+        if listener.assumed_sound == MEAN:
             ratio = s.assumed_speed * slowness
-        elif listener.assumes == STRAIGHT:
+        elif listener.assumed_sound == STRAIGHT:
             ratio = s.ratio * slowness / s.rays.straight_slowness(_DIRECT, source, arrival_point)
         elif path != _DIRECT:
             # an echo is taken for the direct ray
@@ -205,16 +211,17 @@ def _arrive(
 
 @jitable
 def _follow_ping(
-    s: Sound, motion: Motion, transmitter: Any, listener: Listener, leaves: float
+    s: Sound, motion: Motion, transmitter: Any, listener: Listener, departure_time: float
 ) -> Ping:
-    source = site_at(s.on_grid, motion, 0, transmitter, leaves)
-    direct = _arrive(s, motion, listener, _DIRECT, leaves, source)
+    """Follow the ping of one transmitter, by its offset, from its departure [s]."""
+    source = site_at(s.on_grid, motion, 0, transmitter, departure_time)
+    direct = _arrive(s, motion, listener, _DIRECT, departure_time, source)
     surface = NO_ARRIVAL
     if s.paths[_SURFACE]:
-        surface = _arrive(s, motion, listener, _SURFACE, leaves, source)
+        surface = _arrive(s, motion, listener, _SURFACE, departure_time, source)
     bottom = NO_ARRIVAL
     if s.paths[_BOTTOM]:
-        bottom = _arrive(s, motion, listener, _BOTTOM, leaves, source)
+        bottom = _arrive(s, motion, listener, _BOTTOM, departure_time, source)
     return source, (direct, surface, bottom)
 
 

@@ -11,7 +11,7 @@ from sim.sensing.noise import Stream
 from sim.sensing.sensor import Sensor, VehicleState
 from sim.water.environment import Environment
 
-_CHANCE = NormalDist()
+_STANDARD_NORMAL = NormalDist()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +25,9 @@ class Dvl(Sensor):
     stream = Stream.DVL
     normals = 5
 
-    period: float = 0.2
-    velocity_sigma: float = 0.01
-    altitude_sigma: float = 0.05
+    period: float = 0.2  # from one reading to the next [s]
+    velocity_sigma: float = 0.01  # of each axis [m/s]
+    altitude_sigma: float = 0.05  # [m]
     lock: float = 40.0  # altitude up to which it locks on the bottom [m]
     dropout: float = 0.0  # share of readings without bottom lock
 
@@ -41,7 +41,7 @@ class Dvl(Sensor):
 
     def read(self, true: Floats, draws: Floats) -> Floats:
         """The same with errors, or nothing in a dropout."""
-        if _CHANCE.cdf(draws[4]) < self.dropout:
+        if _STANDARD_NORMAL.cdf(draws[4]) < self.dropout:
             return np.full(4, np.nan)
         sigma = np.array([*[self.velocity_sigma] * 3, self.altitude_sigma])
         return np.asarray(true + sigma * draws[:4])

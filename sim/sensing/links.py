@@ -43,12 +43,15 @@ class Link:
 
     name: str
     sender: int  # index of the vehicle; AT_REST: beacons
-    sites: Floats  # offsets of rear, front and middle transmitter in its hull, shape (3, 3), [m]
-    origin: Floats  # of a sender at rest: position and quaternion, shape (7,)
+    # offsets (forward, port, up) of rear, front and middle transmitter in the sender's hull, shape
+    # (3, 3), [m]
+    sites: Floats
+    # of a sender at rest: position [m] and quaternion (w, x, y, z), shape (7,); else 0
+    origin: Floats
     transmitters: int  # how many there are
     every: int  # filter steps from one message to the next
     offset: int  # filter steps by which all messages are later
-    receivers: tuple[int, ...]  # indices of vehicles
+    receivers: tuple[int, ...]  # indices of vehicles, 0 of the leader
     content: tuple[str, ...] = CONTENT
     readings: tuple[str, ...] = ()  # names of the sender's further sensors
     by_estimate: bool = False  # it holds what the sender's navigator and sensors say

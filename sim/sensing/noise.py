@@ -22,13 +22,15 @@ from laisn.errors import LaisnError
 from laisn.vector_math import fma, from_bits, integer, log, sin_cos_quarter, to_bits, turned
 
 LEADER_STREAMS = 128  # streams from here on belong to the leader and are the same for all followers
-STREAMS = 256  # room for streams of one follower; follower f uses numbers f STREAMS + stream
+STREAMS = 256  # room for streams of one follower; follower f uses streams f STREAMS + stream
 RECEIVERS = 256
-"""Room for receivers of one link: number l RECEIVERS + f is of receiver f on further link l."""
+"""Room for receivers of one link: the noise number l RECEIVERS + f, in the place of a follower's
+index, is of receiver f on further link l.
+"""
 LEADER_NUMBER = RECEIVERS - 1
-"""Of the leader among the receivers of a link."""
+"""The leader's place among the receivers of a link."""
 MAX_LINKS = 16  # room for links
-_VEHICLES_A_NUMBER = 64  # room for looks at vehicles among the streams of one number
+_VEHICLES_A_NUMBER = 64  # room for looks at vehicles among the streams of one noise number
 
 _U = np.uint64
 _MULTIPLIER_0 = _U(0xD2511F53)
@@ -78,8 +80,8 @@ _NEARBY = int(Stream.NEARBY)
 
 @formula
 def number_of_look(follower: int, vehicle: int) -> int:
-    """Number of the stream of what a follower sees of a vehicle: 64 + v of the follower's own, and
-    for vehicles from 64 on of numbers that no receiver has.
+    """Stream of what a follower sees of vehicle v: 64 + v among the follower's own, and for
+    vehicles from 64 on of noise numbers that no receiver has.
     """
     owner = follower + vehicle // _VEHICLES_A_NUMBER * RECEIVERS * MAX_LINKS
     return STREAMS * owner + _NEARBY + vehicle % _VEHICLES_A_NUMBER
@@ -140,7 +142,7 @@ def _one_to_two(upper: np.uint64, lower: np.uint64) -> float:
 
 
 @inlined
-def two_units(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tuple[float, float]:
+def two_uniforms(w0: np.uint64, w1: np.uint64, w2: np.uint64, w3: np.uint64) -> tuple[float, float]:
     """Two uniforms in [1, 2) of four random words. Compiled code only."""
     return _one_to_two(w0, w1), _one_to_two(w2, w3)
 
@@ -170,7 +172,7 @@ def _draw(
 ) -> tuple[float, float, float, float, float, float]:
     """Two normals and four uniforms of a block of an address, of the same words."""
     w0, w1, w2, w3 = philox(_U(step), run, _U(stream), _U(block), seed & _WORD, seed >> _HALF)
-    first, second = two_units(w0, w1, w2, w3)
+    first, second = two_uniforms(w0, w1, w2, w3)
     normal, second_normal = two_normals(first, second)
     return normal, second_normal, uniform(w0), uniform(w1), uniform(w2), uniform(w3)
 
@@ -224,12 +226,16 @@ class Address(NamedTuple):
 
     seed: np.uint64
     run: np.uint64
-    follower: int  # index of the follower, on a further link from RECEIVERS times its number on
-    step: int
+    # index of the follower, or noise number: that with RECEIVERS times the link's number added
+    follower: int
+    step: int  # filter step
 
 
 @formula
 def _number(address: Address, stream: int) -> int:
+    """Number of a stream at an address; streams of the sender are the same for all receivers of a
+    link.
+    """
     link = address.follower // RECEIVERS * RECEIVERS
     return stream + STREAMS * (link if stream >= LEADER_STREAMS else address.follower)
 
@@ -254,7 +260,7 @@ def _words_at(address: Address, stream: int) -> tuple[np.uint64, np.uint64, np.u
 def _normals_at(address: Any, stream: Any) -> Any:
     def normals_at(address: Any, stream: Any) -> Any:
         w0, w1, w2, w3 = _words_at(address, stream)
-        first, second = two_units(w0, w1, w2, w3)
+        first, second = two_uniforms(w0, w1, w2, w3)
         return two_normals(first, second)
 
     return normals_at

@@ -53,7 +53,7 @@ _COLUMNS = (
     LeaderMessage._fields.index(name)
     for name in ("timestamp", "east", "north", "heading_sigma", "position_sigma")
 )
-_TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA = _COLUMNS
+_TIME, _EAST, _NORTH, _HEADING_SIGMA, _POSITION_SIGMA = _COLUMNS
 _CONTENT = len(LeaderMessage._fields)
 
 # outcome of a filter step; NO_RANGES: a message without a ping is in
@@ -69,18 +69,17 @@ class SensorModel(NamedTuple):
     seed: np.uint64
     run: np.uint64
     errors: Records  # of each receiver, of ERRORS, shape (f,)
-    numbers: (
-        Ints  # of each receiver in the noise, shape (f,): a follower's index, noise.LEADER_NUMBER
-    )
+    # of each receiver in the place of `noise.Address.follower`, shape (f,)
+    noise_numbers: Ints
     senses_acceleration: bool  # the leader takes accelerations for tilt
-    tilt_share: float  # `sim.sensing.sensors.complementary_filter_gain` of the leader
-    dt: float
+    tilt_gain: float  # `sim.sensing.sensors.complementary_filter_gain` of the leader
+    dt: float  # filter step [s]
     stride: int  # instants from one filter step to the next
     message_every: int  # filter steps from one message to the next
     message_offset: int  # filter steps by which all messages are later than multiples of that
     sound: acoustics.Sound
     transmitters: Ints  # how many pings of a message each receiver waits for, shape (f,)
-    assumes: Ints  # of the speed of sound, as of `acoustics.Listener`, shape (f,)
+    assumed_sound: Ints  # of each receiver, as of `acoustics.Listener`, shape (f,)
 
 
 def _sound_of(sensing: SensingSettings, link: Link | None) -> acoustics.Sound:
@@ -109,31 +108,31 @@ def sensor_model_of(
     name = LEADER_LINK if link is None else link.name
     followers = range(len(sensing.of_vehicles) - 1)
     receivers = [sensing_of[i] if sensing_of else sensing for i in followers]
-    numbers = [i + noise_base(receivers[i].links, name) for i in followers]
+    noise_numbers = [i + noise_base(receivers[i].links, name) for i in followers]
     errors = [sensors.errors_of(sensing, i, link) for i in followers]
     if leader_receives:
         receivers.append(sensing)
-        numbers.append(noise.LEADER_NUMBER + noise_base(sensing.links, name))
+        noise_numbers.append(noise.LEADER_NUMBER + noise_base(sensing.links, name))
         errors.append(errors[0])
-    used = [receiver.transmitters for receiver in receivers]
+    transmitters = [receiver.transmitters for receiver in receivers]
     if link is not None:
-        used = [min(transmitters, link.transmitters) for transmitters in used]
-    assumes = [acoustics.ASSUMED.index(receiver.sound_speed) for receiver in receivers]
+        transmitters = [min(number, link.transmitters) for number in transmitters]
+    assumed_sound = [acoustics.ASSUMED_SOUND.index(receiver.sound_speed) for receiver in receivers]
     return SensorModel(
         seed=np.uint64(sensing.seed),
         run=np.uint64(sensing.run),
         errors=np.array([tuple(e) for e in errors], sensors.ERRORS).view(np.recarray),
-        numbers=np.array(numbers, dtype=np.int64),
+        noise_numbers=np.array(noise_numbers, dtype=np.int64),
         senses_acceleration=sensing.broadcast_attitude
         and sensing.sensors.leader_attitude_senses_acceleration,
-        tilt_share=sensors.complementary_filter_gain(sensing.sensors),
+        tilt_gain=sensors.complementary_filter_gain(sensing.sensors),
         dt=sensing.links.filter_step_s,
         stride=round(sensing.links.filter_step_s / CONTROL_STEP_S),
         message_every=sensing.links.message_every if link is None else link.every,
         message_offset=0 if link is None else link.offset,
         sound=_sound_of(sensing, link),
-        transmitters=np.array(used, dtype=np.int64),
-        assumes=np.array(assumes, dtype=np.int64),
+        transmitters=np.array(transmitters, dtype=np.int64),
+        assumed_sound=np.array(assumed_sound, dtype=np.int64),
     )
 
 
@@ -141,7 +140,7 @@ def sensor_model_of(
 def listener_of(s: SensorModel, receiver: int, hydrophone: Any) -> acoustics.Listener:
     """A receiver by its index, and the offset of its hydrophone, shape (3,), [m]."""
     return acoustics.Listener(
-        receiver + 1, hydrophone, s.transmitters[receiver], s.assumes[receiver]
+        receiver + 1, hydrophone, s.transmitters[receiver], s.assumed_sound[receiver]
     )
 
 
@@ -206,16 +205,18 @@ class Inbox(NamedTuple):
     outcome: Ints  # NO_MESSAGE, NO_RANGES or RECEIVED at this filter step, shape (f,)
 
 
-def new_inbox(followers: int, message_every: int, over: int = 0) -> Inbox:
-    """Nothing received yet; so many messages were sent before the mission begins."""
+def new_inbox(followers: int, message_every: int, sent_before: int = 0) -> Inbox:
+    """Nothing received yet; `sent_before` messages were sent before the motion that is sensed
+    begins.
+    """
     message = records(MESSAGE, followers)
     zeros = np.zeros((3, followers), dtype=np.int64)
     return Inbox(
         message,
         numbers_of(message),
         np.full((followers, 3), np.nan),
-        np.full(followers, over),
-        np.full(followers, (over + 1) * message_every),
+        np.full(followers, sent_before),
+        np.full(followers, (sent_before + 1) * message_every),
         zeros[0],
         np.zeros(followers, dtype=np.bool_),
         np.zeros((followers, 2)),
@@ -368,7 +369,7 @@ def true_reception(
     """
     leader_position, instant = leader
     content[_TIME] = instant.time
-    content[_SIGMA] = np.nan
+    content[_HEADING_SIGMA] = np.nan
     content[_POSITION_SIGMA] = np.nan
     content[_EAST] = leader_position[0] + e.leader_drift_east * instant.time
     content[_NORTH] = leader_position[1] + e.leader_drift_north * instant.time
@@ -405,10 +406,13 @@ def first_message(s: SensorModel, pose: Floats, twist: Floats, water: Floats) ->
 def _read_message(
     e: sensors.SensorErrors, dt: float, sent: Address, true: Any, inbox: Inbox, f: int
 ) -> None:
+    """Read the content of a message, `true` of `true_reception`, with the noise at the address at
+    which it was sent, into the inbox of follower f.
+    """
     content = inbox.message_values[f]
     fluctuation = inbox.fluctuation[f]
     last = inbox.last_sent[f]
-    for i in (_TIME, _EAST, _NORTH, _SIGMA, _POSITION_SIGMA):
+    for i in (_TIME, _EAST, _NORTH, _HEADING_SIGMA, _POSITION_SIGMA):
         content[i] = true[i]
     if sensors.position_errs(e):
         walk = inbox.walk[f]
@@ -444,7 +448,7 @@ def _read_message(
 @jitable
 def read_reception(
     e: sensors.SensorErrors,
-    used: tuple[int, float],
+    transmitters_and_dt: tuple[int, float],
     addresses: tuple[Address, Address],
     true: tuple[Any, Any],
     inbox: Inbox,
@@ -455,21 +459,22 @@ def read_reception(
 
     Args:
         e: errors of the sensors.
-        used: how many transmitters the follower uses, and its filter step [s].
+        transmitters_and_dt: how many transmitters the follower uses, and its filter step [s].
         addresses: of the noise, when the message was sent and when it is taken up.
         true: content and ranges of `true_reception`.
         inbox: out.
         f: index of the follower in it.
     """
     sent, received = addresses
+    transmitters, dt = transmitters_and_dt
     content, by_path = true
     ranges = inbox.ranges[f]
-    _read_message(e, used[1], sent, content, inbox, f)
+    _read_message(e, dt, sent, content, inbox, f)
     paths = sensors.paths_taken(e, sent)
     uniform = noise.uniforms_at(received, _RANGE_UNIFORM)
     received_ranges = by_path[0][paths[0]], by_path[1][paths[1]], by_path[2][paths[2]]
     psi = noise.normals_at(received, _RANGE_SCALE)[0]
-    longest = sensors.longest_range(received_ranges, used[0])
+    longest = sensors.longest_range(received_ranges, transmitters)
     scales = longest, longest, sensors.longest_range(received_ranges, 3)
     for i in range(3):
         ranges[i] = sensors.range_reading(
@@ -478,7 +483,7 @@ def read_reception(
     if sensors.loses(e):
         uniforms = noise.uniforms_at(sent, _LOSS)
         inbox.channel_bad[f] = sensors.is_bad(inbox.channel_bad[f], uniforms[0], e)
-        is_heard = sensors.is_heard(uniforms[2], e, by_path[0][0], received.step * used[1])
+        is_heard = sensors.is_heard(uniforms[2], e, by_path[0][0], received.step * dt)
         if sensors.is_lost(inbox.channel_bad[f], uniforms[1], e) or not is_heard:
             ranges[0] = ranges[1] = ranges[2] = np.nan
     is_heard = ranges[0] == ranges[0] or ranges[1] == ranges[1] or ranges[2] == ranges[2]
@@ -515,7 +520,7 @@ def receive(
             content,
             ranges,
         )
-        number = s.numbers[follower]
+        number = s.noise_numbers[follower]
         addresses = Address(s.seed, s.run, number, sent), Address(s.seed, s.run, number, k)
         read_reception(
             e, (s.transmitters[follower], s.dt), addresses, (content, ranges), inbox, follower
@@ -685,7 +690,8 @@ def sense_steps_compiled(  # noqa: PLR0913 - as `sense_steps`
     )
 
 
-LONG = 100_000  # missions of so many instants are sensed by compiled code, unless a caller chooses
+# missions of more instants are sensed by compiled code, unless a caller chooses
+LONG_MISSION_INSTANTS = 100_000
 
 
 def _sense(
@@ -697,18 +703,23 @@ def _sense(
     use_compiled: bool | None,
     link: Link | None,
 ) -> Receptions:
+    """Sense a motion with the sender of a link in the leader's place, None: with the leader's
+    broadcast.
+
+    `tilts` and `readings`, out, are as of `sense_steps`, `use_compiled` as of `observe`.
+    """
     s = sensor_model_of(sensing, link)
     motion = acoustics.motion_of(trajectory)
     first = round(float(trajectory.time[0]) / s.dt)
-    over = max(first - s.message_offset, 0) // s.message_every
+    sent_before = max(first - s.message_offset, 0) // s.message_every
     last = first + motion.last // s.stride
-    receptions = new_receptions(max(last // s.message_every - over, 0))
+    receptions = new_receptions(max(last // s.message_every - sent_before, 0))
     hydrophones = [f"{name}/hydrophone" for name in trajectory.names[1:]]
     names = *acoustics.TRANSMITTERS, *hydrophones, f"{trajectory.names[follower + 1]}/depth_sensor"
     offset = trajectory.site_offset[[trajectory.site(name) for name in names]]
-    inbox = new_inbox(follower + 1, s.message_every, over)
+    inbox = new_inbox(follower + 1, s.message_every, sent_before)
     span = Span(follower, first, first, 0)
-    if use_compiled or (use_compiled is None and trajectory.time.size > LONG):
+    if use_compiled or (use_compiled is None and trajectory.time.size > LONG_MISSION_INSTANTS):
         sites = acoustics.Sites(offset[:3], offset[3:-1])
         e = s.errors[follower]
         m = sense_steps_compiled(
@@ -756,7 +767,7 @@ class IdealLink:
     emission_step: Ints
     content: Floats  # rows of `LeaderMessage`, shape (m, 10)
     ranges: Floats  # shape (m, 3 transmitters, 3 paths), [m]
-    transmitters: int
+    transmitters: int  # how many the sender has
     places: Floats | None
     offsets: Floats | None  # as of `laisn.messages.Reception`
 
@@ -862,14 +873,14 @@ def observe(
         source = np.full((n, 3, 3), np.nan)
         direct = sound.ranges[:, :, [Path.DIRECT]]
         source[sound.message_step - 1] = np.where(np.isnan(direct), np.nan, sound.transmitter)
-        displaced = (
+        motion_on_grid = (
             trajectory.pose[grid, v],
             trajectory.twist[grid, v],
             trajectory.water_velocity[grid, v],
         )
         depth_sensor = trajectory.site_offset[trajectory.site(f"{name}/depth_sensor")]
         states = VehicleState.of_motion(
-            trajectory.time[grid], displaced, depth_sensor, (hydrophone, source), follower
+            trajectory.time[grid], motion_on_grid, depth_sensor, (hydrophone, source), follower
         )
         environment = sensors.environment_of(sensing)
         for driver in drivers:
@@ -934,18 +945,22 @@ def _observe_link(
 
 
 def _measure_link(
-    link: IdealLink, e: sensors.SensorErrors, address: Address, used: tuple[int, float]
+    link: IdealLink,
+    e: sensors.SensorErrors,
+    address: Address,
+    transmitters_and_dt: tuple[int, float],
 ) -> LinkMessages:
     """Receive a further link with the noise of a run.
 
-    `address` is of the follower, `used` how many transmitters its navigator uses, and its filter
-    step [s].
+    `address` is of the follower, `transmitters_and_dt` how many transmitters its navigator uses,
+    and its filter step [s].
     """
+    transmitters, dt = transmitters_and_dt
     m = link.message_step.size
     message = np.empty((m, _CONTENT))
     ranges = np.empty((m, 3))
     inbox = new_inbox(1, 1)
-    of_link = (min(used[0], link.transmitters), used[1])
+    used = (min(transmitters, link.transmitters), dt)
     sent = address._replace(follower=link.noise_base + address.follower)
     for i in range(m):
         addresses = (
@@ -953,7 +968,7 @@ def _measure_link(
             sent._replace(step=int(link.message_step[i])),
         )
         true = (link.content[i].tolist(), link.ranges[i].tolist())
-        read_reception(e, of_link, addresses, true, inbox, 0)
+        read_reception(e, used, addresses, true, inbox, 0)
         message[i] = inbox.message_values[0]
         ranges[i] = inbox.ranges[0]
     ranges[:, link.transmitters :] = np.nan
@@ -969,7 +984,7 @@ def _measure_link(
 @jitable
 def read_steps(
     e: sensors.SensorErrors,
-    navigator: tuple[int, float],
+    transmitters_and_dt: tuple[int, float],
     address: Address,
     span: Span,
     true_values: Floats,
@@ -980,6 +995,7 @@ def read_steps(
     """Read the steps of a span, and all after it, of what `sense_steps` gave with the noise of a
     run.
 
+    `transmitters_and_dt` is as of `read_reception`, `address` that of the follower at any step.
     `true_values` are those of own sensors, shape (n, 3), `sent` the steps at which messages are
     taken up and were sent, their content and ranges, (m, 10) and (m, 3, 3); `readings`, out, own
     ones, content and ranges, (m, 3).
@@ -995,7 +1011,8 @@ def read_steps(
                 Address(address.seed, address.run, address.follower, emitted[i]),
                 step_address,
             )
-            read_reception(e, navigator, addresses, (content[i], ranges[i]), inbox, 0)
+            true = (content[i], ranges[i])
+            read_reception(e, transmitters_and_dt, addresses, true, inbox, 0)
             for j in range(_CONTENT):
                 content_read[i, j] = inbox.message_values[0, j]
             for j in range(3):
@@ -1026,7 +1043,7 @@ def measure(
     n = truth.speed.size
     m = truth.message_step.size
     address = Address(*noise.seed_and_run(seed, run), follower, 0)
-    navigator = (min(transmitters, truth.transmitters), truth.dt)
+    transmitters_and_dt = (min(transmitters, truth.transmitters), truth.dt)
     by_echo = np.full((2, m, 3), np.nan) if truth.echo_range is None else truth.echo_range
     ranges = np.moveaxis(np.array([truth.slant_range, *by_echo]), 0, 2).copy()
     content = numbers_of(np.ascontiguousarray(truth.sent))
@@ -1035,24 +1052,39 @@ def measure(
     readings = (np.empty((n, 3)), np.empty((m, _CONTENT)), np.empty((m, 3)))
     inbox = new_inbox(1, 1)
     span = Span(follower, 0, 0, 0)
-    if use_compiled or (use_compiled is None and n > LONG):
+    if use_compiled or (use_compiled is None and n > LONG_MISSION_INSTANTS):
         e = np.array([tuple(errors)], sensors.ERRORS).view(np.recarray)[0]
         read_steps_compiled(
-            e, navigator, address, span, true_values, (*sent, content, ranges), inbox, readings
+            e,
+            transmitters_and_dt,
+            address,
+            span,
+            true_values,
+            (*sent, content, ranges),
+            inbox,
+            readings,
         )
     else:
         numbers = content.tolist(), ranges.tolist()
         read_steps(
-            errors, navigator, address, span, true_values, (*sent, *numbers), inbox, readings
+            errors,
+            transmitters_and_dt,
+            address,
+            span,
+            true_values,
+            (*sent, *numbers),
+            inbox,
+            readings,
         )
     readings[2][:, truth.transmitters :] = np.nan
-    lost_messages = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
+    # rows of the filter steps at which all pings of a message are lost
+    lost_rows = truth.message_step[np.isnan(readings[2]).all(axis=1)] - 1
     custom = {}
     for driver, values in truth.custom:
         draws = driver.draws(seed, run, follower, np.arange(1, n + 1))
         custom_readings = driver.read(values, draws)
         if driver.acoustic:
-            custom_readings[lost_messages] = np.nan
+            custom_readings[lost_rows] = np.nan
         custom[driver.name] = custom_readings
     return Measurements(
         dt=truth.dt,

@@ -16,7 +16,7 @@ from sim.attitude import heading_of
 from sim.scenario.formation import Proximity
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.sensing.noise import number_of_look, two_normals, two_units, words
+from sim.sensing.noise import number_of_look, two_normals, two_uniforms, words
 from sim.trajectory import Trajectory
 
 SIGHTING = np.dtype(  # what a look shows of one vehicle
@@ -30,7 +30,9 @@ _U = np.uint64
 
 
 def look_interval(proximity: Proximity | None) -> int:
-    """Ticks from one look of the followers to the next; 0: they have no sensor."""
+    """Ticks, which are control steps, from one look of the followers to the next; 0: they have no
+    sensor.
+    """
     return round(proximity.period_s / CONTROL_STEP_S) if proximity else 0
 
 
@@ -50,7 +52,7 @@ def sense_neighbours(
     SIGHTING, shape (v,).
     """
     observer = follower + 1
-    steepest = np.sin(0.5 * p.aperture)
+    max_sine = np.sin(0.5 * p.aperture)  # of the elevation of what is sensed
     heading = heading_of(poses[observer, 3:])
     for j in range(poses.shape[0]):
         sightings[j].range = sightings[j].bearing = np.nan
@@ -60,11 +62,11 @@ def sense_neighbours(
             poses[j, 2] - poses[observer, 2],
         )
         distance = np.sqrt(x * x + y * y + z * z)
-        if j == observer or distance > p.range or abs(z) > steepest * distance:
+        if j == observer or distance > p.range or abs(z) > max_sine * distance:
             continue
         stream = _U(number_of_look(follower, j))
         w0, w1, w2, w3 = words(address[0], address[1], stream, _U(k))
-        first, second = two_units(w0, w1, w2, w3)
+        first, second = two_uniforms(w0, w1, w2, w3)
         range_normal, bearing_normal = two_normals(first, second)
         sightings[j].range = max(distance + p.range_sigma * range_normal, 0.0)
         sightings[j].bearing = signed_angle(
@@ -76,7 +78,7 @@ class Sightings(NamedTuple):
     """What followers of a flight sensed nearby."""
 
     first_s: Floats  # when each follower first saw each vehicle, shape (f, v), [s]; NaN: never
-    spent_s: Floats  # time for which each follower detected a vehicle, shape (f,), [s]
+    detected_s: Floats  # time for which each follower detected any vehicle, shape (f,), [s]
 
 
 def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
@@ -88,7 +90,7 @@ def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
     f = len(followers)
     ticks_per_look = look_interval(proximity)
     first = np.full((f, f + 1), np.nan)
-    detection_s = np.zeros(f)
+    detected_s = np.zeros(f)
     for i, follower in enumerate(followers):
         # followers on routes have no sensor
         if proximity is None or follower.station is None:
@@ -98,13 +100,13 @@ def sightings(motion: MotionSettings, trajectory: Trajectory) -> Sightings:
             - trajectory.position[ticks_per_look::ticks_per_look, [i + 1]]
         )
         distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2 + offset[..., 2] ** 2)
-        steepest = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
+        max_sine = np.sin(0.5 * np.deg2rad(proximity.aperture_deg))
         is_sensed = (distance <= proximity.range_m) & (
-            np.abs(offset[..., 2]) <= steepest * distance
+            np.abs(offset[..., 2]) <= max_sine * distance
         )
         is_sensed[:, i + 1] = False
         first[i, is_sensed.any(axis=0)] = (
             (is_sensed.argmax(axis=0)[is_sensed.any(axis=0)] + 1) * ticks_per_look * CONTROL_STEP_S
         )
-        detection_s[i] = np.count_nonzero(is_sensed.any(axis=1)) * ticks_per_look * CONTROL_STEP_S
-    return Sightings(first, detection_s)
+        detected_s[i] = np.count_nonzero(is_sensed.any(axis=1)) * ticks_per_look * CONTROL_STEP_S
+    return Sightings(first, detected_s)

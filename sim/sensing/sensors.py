@@ -69,24 +69,26 @@ def complementary_filter_gain(sensors: Sensors) -> float:
     return float(-np.expm1(-CONTROL_STEP_S / sensors.leader_gyro_time_constant_s))
 
 
-def random_error(sensors: Sensors) -> tuple[float, float]:
-    """Standard deviation [rad] and correlation time [s] of the leader's pitch and roll errors;
-    0: each has its own.
+def leader_tilt_error(sensors: Sensors) -> tuple[float, float]:
+    """Standard deviation [rad] and correlation time [s] of the random errors of the leader's pitch
+    and roll; time 0: those of messages are independent.
     """
-    reading = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
+    reading_sigma = float(np.deg2rad(sensors.leader_attitude_sigma_deg))
     if sensors.leader_gyro_time_constant_s == 0.0:
-        return reading, 0.0
-    share = complementary_filter_gain(sensors)
-    walk = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(CONTROL_STEP_S / 3600.0)
-    complement = 1.0 - share
-    variance = (share**2 * reading**2 + complement**2 * walk**2) / (1.0 - complement**2)
+        return reading_sigma, 0.0
+    gain = complementary_filter_gain(sensors)
+    walk_sigma = np.deg2rad(sensors.leader_gyro_random_walk_deg_sqrt_h) * np.sqrt(
+        CONTROL_STEP_S / 3600.0
+    )
+    complement = 1.0 - gain
+    variance = (gain**2 * reading_sigma**2 + complement**2 * walk_sigma**2) / (1.0 - complement**2)
     return float(np.sqrt(variance)), sensors.leader_gyro_time_constant_s
 
 
 @jitable
 def _apparent_tilt(pose: Any, change: Any) -> tuple[float, float]:
-    """Pitch and roll that specific force seems to show, from pose and change of velocity in a
-    control step.
+    """Pitch and roll [rad] that specific force seems to show, from pose and change of velocity
+    [m/s] in a control step.
     """
     force = (
         change[0] / CONTROL_STEP_S,
@@ -98,11 +100,11 @@ def _apparent_tilt(pose: Any, change: Any) -> tuple[float, float]:
 
 
 @compiled
-def update_tilt_error(share: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
+def update_tilt_error(gain: float, k: int, pose: Floats, twist: Floats, tilts: Floats) -> None:
     """Write what accelerations add to the leader's measured pitch and roll at instant k > 0, shape
     (n, 2), [rad].
 
-    `share` is `complementary_filter_gain`, `pose` and `twist` are of all instants until now; at the
+    `gain` is `complementary_filter_gain`, `pose` and `twist` are of all instants until now; at the
     first they are those of the second.
     """
     change = (
@@ -118,15 +120,15 @@ def update_tilt_error(share: float, k: int, pose: Floats, twist: Floats, tilts: 
         )
         last = max(i, 1)
         for j in range(2):
-            tilts[i, j] = tilts[last - 1, j] + share * (errors[j] - tilts[last - 1, j])
+            tilts[i, j] = tilts[last - 1, j] + gain * (errors[j] - tilts[last - 1, j])
 
 
 def tilt_errors(trajectory: Trajectory, sensors: Sensors) -> Floats:
     """The same of a whole mission, none at its start."""
     tilts = np.zeros((trajectory.time.size, 2))
-    share = complementary_filter_gain(sensors)
+    gain = complementary_filter_gain(sensors)
     for k in range(1, len(tilts) if sensors.leader_attitude_senses_acceleration else 0):
-        update_tilt_error(share, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
+        update_tilt_error(gain, k, trajectory.pose[:, 0], trajectory.twist[:, 0], tilts)
     return tilts
 
 
@@ -200,13 +202,14 @@ class SensorErrors(NamedTuple):
     sonar_absorption: float = 0.0
     sonar_scatter: float = 0.0
     leader_tilt_sigma: float = 0.0  # standard deviation of the leader's pitch and roll [rad]
-    leader_tilt_time: float = 0.0  # its correlation time [s]; 0: each message has its own
+    leader_tilt_time: float = 0.0  # its correlation time [s]; 0: messages are independent
     # rate at which the leader's broadcast position departs from the true one [m/s]
     leader_drift_east: float = 0.0
     leader_drift_north: float = 0.0
 
 
 _SONAR = [name for name in SensorErrors._fields if name.startswith("sonar_")]
+# computed from several keys each
 _DERIVED = ("leader_tilt_sigma", "leader_tilt_time", "leader_drift_east", "leader_drift_north")
 _KEYS = [name for name in SensorErrors._fields if name not in (*_SONAR, *_DERIVED)]
 
@@ -214,7 +217,7 @@ _KEYS = [name for name in SensorErrors._fields if name not in (*_SONAR, *_DERIVE
 def _errors(sensors: Sensors, acoustics: Acoustics) -> SensorErrors:
     in_units = in_si({**dict(sensors), **dict(acoustics)})
     sonar = sonar_of(acoustics)
-    tilt = random_error(sensors)
+    tilt = leader_tilt_error(sensors)
     towards = np.deg2rad(sensors.leader_position_drift_deg)
     return SensorErrors(
         **{name: in_units[name] for name in _KEYS},
@@ -259,7 +262,7 @@ def navigated_errors_of(sensing: SensingSettings, follower: int = 0) -> SensorEr
 
 
 def further_errors_of(sensing: SensingSettings, follower: int = 0) -> dict[str, SensorErrors]:
-    """The same of the further links that their navigators take by name."""
+    """The same of each further link that the followers navigate on, by its name."""
     links = sensing.links
     return {name: errors_of(sensing, follower, named_link(links, name)) for name in links.further}
 
@@ -574,8 +577,8 @@ class CompiledSensor(NamedTuple):
 
 
 def _compiled_sensor(sensor: type[Sensor], names: Sequence[str], first: str = "") -> CompiledSensor:
-    """The channels follow one another in an array with columns of these names, from `first` on,
-    by default their own.
+    """A sensor whose channels are consecutive columns of an array with columns of these names, from
+    the one named `first` on; by default that named as the sensor's first channel.
     """
     column = names.index(first or next(iter(sensor.channels)))
     true = DispatchedFormula(sensor.true)
@@ -585,7 +588,7 @@ def _compiled_sensor(sensor: type[Sensor], names: Sequence[str], first: str = ""
 OWN_SENSORS: tuple[type[Sensor], ...] = (SpeedLog, Compass, PressureSensor)
 """What a follower's navigator takes; their readings are fields of `Measurements`."""
 OWN = tuple(_compiled_sensor(sensor, READING.names or ()) for sensor in OWN_SENSORS)
-INSTRUMENTS = (  # besides, inclinometer and gyros, which steer
+INSTRUMENTS = (  # besides, inclinometer and gyros, by which the autopilot steers
     *OWN,
     _compiled_sensor(Inclinometer, READING.names or ()),
     _compiled_sensor(Gyros, READING.names or (), "turning"),
@@ -654,8 +657,8 @@ def is_heard(uniform: float, e: SensorErrors, measured: float, time: float) -> b
     the clocks add to it is no distance.
     """
     clock = e.clock_offset + e.clock_drift * time
-    reach = measured - (e.sound_speed + e.sound_speed_bias) * clock
-    return bool(not e.sonar_detects or uniform < hearing_probability(e, reach))
+    distance = measured - (e.sound_speed + e.sound_speed_bias) * clock
+    return bool(not e.sonar_detects or uniform < hearing_probability(e, distance))
 
 
 @formula
@@ -671,7 +674,7 @@ def path_taken(uniform: float, e: SensorErrors) -> Any:
 def paths_taken(e: SensorErrors, address: Address) -> tuple[int, int, int]:
     """`Path` that a receiver takes for the direct one from the rear, front and middle transmitter.
 
-    `sent` is the address of the noise at the filter step at which a message is sent.
+    `address` is that of the noise at the filter step at which a message is sent.
     """
     if e.surface_echo_probability + e.bottom_echo_probability == 0.0:
         return 0, 0, 0

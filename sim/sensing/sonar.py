@@ -48,8 +48,8 @@ def absorption_db_km(
 
 
 def noise_level_db(frequency_khz: float, wind_m_s: float, shipping: float) -> float:
-    """Spectral level of ambient noise [dB re 1 µPa²/Hz] from turbulence, ships (0: few, 1: many),
-    wind and heat.
+    """Spectral level of ambient noise [dB re 1 µPa²/Hz] from turbulence, ships (0: none, 1: heavy
+    traffic), wind and heat.
     """
     log = math.log10(frequency_khz)
     levels = (

@@ -15,7 +15,7 @@ from sim.sensing import acoustics, noise, sensors
 from sim.sensing.links import navigated_link
 from sim.sensing.noise import Address
 from sim.sensing.observation import (
-    LONG,
+    LONG_MISSION_INSTANTS,
     MeasurementRecord,
     Span,
     new_inbox,
@@ -47,13 +47,14 @@ class SenderMotion:
         self._senses_acceleration = (
             sensing.broadcast_attitude and sensing.sensors.leader_attitude_senses_acceleration
         )
-        self._share = sensors.complementary_filter_gain(sensing.sensors)
+        self._tilt_gain = sensors.complementary_filter_gain(sensing.sensors)
+        # what accelerations add to the sender's measured pitch and roll at each instant [rad]
         self.tilts = spillable_zeros((n, 2))
         self.tilts[:] = 0.0 if sensing.broadcast_attitude else np.nan
-        self._instants = 0
+        self._instants = 0  # how many are taken over
 
     def advance(self, truth: StateHistory, last: int) -> None:
-        """Take over the instants of a motion until this one."""
+        """Take over the instants of a motion until the one with this index."""
         first = self._instants
         self._instants = last + 1
         if self.link is not None:
@@ -62,7 +63,7 @@ class SenderMotion:
             pose = self.truth.pose[:, 0]
             twist = self.truth.twist[:, 0]
             for k in range(max(first, 1), last + 1):
-                sensors.update_tilt_error(self._share, k, pose, twist, self.tilts)
+                sensors.update_tilt_error(self._tilt_gain, k, pose, twist, self.tilts)
 
 
 class FollowerSensing:
@@ -87,7 +88,7 @@ class FollowerSensing:
         self._hidden = None if link is None else link.hidden
         self._hears = link is None or link.hears(follower)
         self._transmitters = 3 if link is None else link.transmitters
-        self._navigator = (min(transmitters, self._transmitters), self._model.dt)
+        self._transmitters_and_dt = (min(transmitters, self._transmitters), self._model.dt)
         seed, run = noise.seed_and_run(sensing.seed, sensing.run)
         self._address = Address(seed, run, follower, 0)
         hydrophones = [f"{name}/hydrophone" for name in at_start.names[1:]]
@@ -96,16 +97,16 @@ class FollowerSensing:
         self._offset = at_start.site_offset[[at_start.site(name) for name in names]]
         n = len(sender.tilts)
         steps = (n - 1) // self._model.stride
-        self._compiled = n > LONG
+        self._use_compiled = n > LONG_MISSION_INSTANTS
         self._message_inbox = new_inbox(follower + 1, self._model.message_every)
         self._reading_inbox = new_inbox(1, 1)
         self._true_values = spillable_zeros((steps, 3))
         self._receptions = new_receptions(record.message_step.shape[1])
         self._drivers = sensors.custom_sensors(sensing, follower)
         self._environment = sensors.environment_of(sensing)
-        self._steps = steps
-        self._done = 0
-        self._messages = 0
+        self._steps = steps  # of the whole mission
+        self._done = 0  # filter steps that are sensed
+        self._messages = 0  # messages that are in
         self.custom: dict[str, Floats] = {}
         """Readings of further sensors by their names, shape (n, c), as far as they are read."""
 
@@ -140,7 +141,7 @@ class FollowerSensing:
         inbox = self._message_inbox
         true_values = self._true_values
         receptions = self._receptions
-        if self._compiled:
+        if self._use_compiled:
             sites = acoustics.Sites(self._offset[:3], self._offset[3:-1])
             errors = model.errors[self._follower]
             messages = sense_steps_compiled(
@@ -185,12 +186,12 @@ class FollowerSensing:
         true_values = self._true_values[: self._done]
         content = receptions.content[: self._messages]
         ranges = receptions.ranges[: self._messages]
-        if self._compiled:
+        if self._use_compiled:
             sent = (taken_up, emitted, content, ranges)
             errors = self._model.errors[f]
             read_steps_compiled(
                 errors,
-                self._navigator,
+                self._transmitters_and_dt,
                 self._address,
                 span,
                 true_values,
@@ -206,7 +207,7 @@ class FollowerSensing:
             )
             read_steps(
                 self._errors,
-                self._navigator,
+                self._transmitters_and_dt,
                 self._address,
                 span,
                 true_values,
@@ -225,13 +226,13 @@ class FollowerSensing:
         steps: Ints = np.arange(span.done + 1, self._done + 1)
         states = self._states(span, steps)
         taken_up = self._receptions.message_step[new] - span.done - 1
-        silent = taken_up[np.isnan(self._record.ranges[f, new]).all(axis=1)]
+        lost_rows = taken_up[np.isnan(self._record.ranges[f, new]).all(axis=1)]
         for driver in self._drivers:
             true = driver.true(states, self._environment, int(steps[0]))
             draws = driver.draws(int(self._address.seed), int(self._address.run), f, steps)
             readings = driver.read(true, draws)
             if driver.acoustic:
-                readings[silent] = np.nan
+                readings[lost_rows] = np.nan
             self._store(driver, steps, readings)
 
     def _store(self, driver: SensorDriver, steps: Ints, readings: Floats) -> None:

@@ -183,7 +183,7 @@ def test_avoidance_is_reported_with_first_time_and_duration() -> None:
     ]
     # looks at 10.5, 11.0 … 20.0 s
     np.testing.assert_allclose(
-        sightings(MotionSettings.of(moved.scenario), moved.trajectory).spent_s, 20 * 0.5
+        sightings(MotionSettings.of(moved.scenario), moved.trajectory).detected_s, 20 * 0.5
     )
     blind = moved.scenario.model_copy(update={"formation": Formation()})
     assert giving_way_events(replace(moved, scenario=blind)) == []

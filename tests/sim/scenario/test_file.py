@@ -145,6 +145,11 @@ def test_an_error_reports_file_key_and_expectation(change: dict[str, Any], expec
     assert expected in str(caught.value)
 
 
+def test_a_depth_profile_replaces_the_saw_tooth() -> None:
+    leader = {"depth_profile": [[0, 5], [9, 28]], "saw_tooth_amplitude_m": 4.0}
+    assert Scenario(**{**MINIMAL, "leader": leader}).leader.saw_tooth_amplitude_m == 4.0
+
+
 @pytest.mark.parametrize(
     ("key", "unit", "scale"),
     [
@@ -271,10 +276,10 @@ def test_a_current_profile_is_that_of_the_water() -> None:
         assert scenario.ocean.current_at(depth, time) == pytest.approx(expected, abs=1e-12)
         at = np.array([[5.0, 6.0, -depth]])
         assert water.velocity(at, time)[0] == pytest.approx((*expected, 0.0), abs=1e-12)
-    assert scenario.ocean.moves
+    assert scenario.ocean.has_current
     assert not Scenario(
         followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}
-    ).ocean.moves
+    ).ocean.has_current
 
 
 def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() -> None:

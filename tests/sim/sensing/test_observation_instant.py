@@ -347,7 +347,7 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
     )
     truth, inbox, sites = (
         standing(poses, k + 1),
-        new_inbox(1, 10, over=3),
+        new_inbox(1, 10, sent_before=3),
         Sites(np.zeros((3, 3)), np.zeros((1, 3))),
     )
     truth.twist[k, 0] = 0.9, 0.7, 0.2, *RATES

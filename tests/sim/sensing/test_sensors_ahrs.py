@@ -14,7 +14,7 @@ from sim import attitude
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import Sensors
 from sim.sensing.observation import IdealMeasurements, measure, observe
-from sim.sensing.sensors import SensorErrors, errors_of, random_error, tilt_errors
+from sim.sensing.sensors import SensorErrors, errors_of, leader_tilt_error, tilt_errors
 from sim.trajectory import OF_VEHICLES, Trajectory
 from tests import straight, synthetic
 from tests.experiments.campaign.test_montecarlo import make_truth
@@ -127,7 +127,7 @@ def test_without_accelerations_the_attitude_is_true() -> None:
     assert tilt_errors(rough, SENSING) == pytest.approx(shown - [0.1, -0.2], abs=1e-12)
 
 
-def test_random_error_is_that_of_the_filter_itself() -> None:
+def test_the_leaders_tilt_error_is_that_of_the_filter_itself() -> None:
     sensors = Sensors(
         leader_attitude_sigma_deg=0.5,
         leader_gyro_time_constant_s=3.0,
@@ -141,14 +141,14 @@ def test_random_error_is_that_of_the_filter_itself() -> None:
         error = error + np.deg2rad(12.0 / 60.0) * np.sqrt(0.1) * rng.normal(size=lanes)
         error += share * (np.deg2rad(0.5) * rng.normal(size=lanes) - error)
         history.append(error)
-    sigma, time = random_error(sensors)
+    sigma, time = leader_tilt_error(sensors)
     assert time == 3.0
     assert history[-1].std() == pytest.approx(sigma, rel=0.02)
     # 3 s later a share 1/e of it is left
     assert np.mean(history[-31] * history[-1]) == pytest.approx(
         sigma**2 / np.e, abs=0.02 * sigma**2
     )
-    assert random_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 0.0})) == (
+    assert leader_tilt_error(sensors.model_copy(update={"leader_gyro_time_constant_s": 0.0})) == (
         np.deg2rad(0.5),
         0.0,
     )
@@ -157,7 +157,7 @@ def test_random_error_is_that_of_the_filter_itself() -> None:
     added = (kept * step) ** 2 + (share * np.deg2rad(0.5)) ** 2
     assert sigma == pytest.approx(np.sqrt(added / (1.0 - kept**2)), rel=1e-12)
     # any gyros make it smaller, those of a second too
-    quick_sigma, quick_time = random_error(
+    quick_sigma, quick_time = leader_tilt_error(
         sensors.model_copy(update={"leader_gyro_time_constant_s": 1.0})
     )
     assert quick_time == 1.0

@@ -146,6 +146,17 @@ def test_a_plan_into_the_floor_is_refused(tmp_path: Path) -> None:
     assert "the floor lies at 10.5 m there" in result.output
 
 
+@pytest.mark.parametrize(("depth", "below"), [(39.0, False), (41.0, True)])
+def test_beacons_lie_above_the_floor_of_a_file(tmp_path: Path, depth: float, below: bool) -> None:
+    """The key `floor_depth_m`, by default 30 m, says nothing of a floor from a file."""
+    axis = np.array([-2000.0, 2000.0])
+    more = f'[[links]]\nname = "lbl"\nbeacons_m = [[100.0, 50.0, {depth}]]\n'
+    toml = scenario(tmp_path, metres_floor(np.full((2, 2), 40.0), axis, axis), more=more)
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == (2 if below else 0), result.output
+    assert ("below the floor of ocean.floor.file, which lies at 40 m" in result.output) == below
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
