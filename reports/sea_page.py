@@ -118,7 +118,9 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
             )
         )
     lines.append(Line(x=np.zeros(1), y=np.zeros(1), colour=MUTED, name="surface"))
-    return panel(lines, x_label="way [m]", y_label="height [m]", width=6.1, height=4.6)
+    return panel(
+        lines, x_label="distance along the route [m]", y_label="height [m]", width=6.1, height=4.6
+    )
 
 
 def _current_along_paths(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
