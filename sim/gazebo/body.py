@@ -24,8 +24,8 @@ class Solid:
 
 
 @dataclass(frozen=True)
-class Share:
-    """What one link adds to the body."""
+class LinkInertia:
+    """Mass and added mass of one link, in the model's frame but for the added mass."""
 
     mass: float  # [kg]
     centre: Floats  # of gravity [m]
@@ -38,7 +38,7 @@ class Share:
 class SdfHull:
     """The links as one body."""
 
-    shares: list[Share]
+    link_inertias: list[LinkInertia]
     mass: float  # [kg]
     centre: Floats  # of gravity [m]
     inertia: Floats  # 3×3, about the centre of gravity [kg m²]
@@ -53,7 +53,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
 
     LaisnError if a number cannot be read, or the links have no mass.
     """
-    shares: list[Share] = []
+    link_inertias: list[LinkInertia] = []
     volumes: list[float] = []
     centres: list[Floats] = []
     corners: list[Floats] = []
@@ -61,7 +61,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     for sdf_model in model.all_models():
         for name, link in sdf_model.links.items():
             frame = sdf_model.pose_of(name)
-            shares.append(_share(name, link, frame, remarks))
+            link_inertias.append(_link_inertia(name, link, frame, remarks))
             displaces = water.displaces(sdf_model, name)
             for collision in link.findall("collision"):
                 solid = solid_of(collision)
@@ -77,25 +77,25 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
                 centres.append(pose[:3, 3])
                 volumes.append(solid.volume * displaces)
                 corners.append(np.array([pose[:3, 3] - reach, pose[:3, 3] + reach]))
-    return _joined(shares, volumes, centres, corners, has_unread_shape)
+    return _joined(link_inertias, volumes, centres, corners, has_unread_shape)
 
 
 def _joined(
-    shares: list[Share],
+    link_inertias: list[LinkInertia],
     volumes: list[float],
     centres: list[Floats],
     corners: list[Floats],
     has_unread_shape: bool,
 ) -> SdfHull:
-    masses = np.array([share.mass for share in shares])
+    masses = np.array([link.mass for link in link_inertias])
     mass = float(masses.sum())
     if not mass > 0.0:
         raise LaisnError("its links have no mass")
-    centre = np.average([share.centre for share in shares], axis=0, weights=masses)
+    centre = np.average([link.centre for link in link_inertias], axis=0, weights=masses)
     inertia = np.zeros((3, 3))
-    for share in shares:
-        arm = share.centre - centre
-        inertia += share.inertia + share.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    for link in link_inertias:
+        arm = link.centre - centre
+        inertia += link.inertia + link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     volume = float(np.sum(volumes))
     if volume > 0.0:
         buoyancy_centre = np.average(centres, axis=0, weights=volumes)
@@ -106,7 +106,9 @@ def _joined(
         size = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
     else:
         size = _size_of(mass, inertia)
-    return SdfHull(shares, mass, centre, inertia, volume, buoyancy_centre, size, has_unread_shape)
+    return SdfHull(
+        link_inertias, mass, centre, inertia, volume, buoyancy_centre, size, has_unread_shape
+    )
 
 
 def _size_of(mass: float, inertia: Floats) -> Floats:
@@ -158,13 +160,13 @@ def _moments(squares: Floats) -> Floats:
     return np.diag(squares.sum() - squares)
 
 
-def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
+def _link_inertia(name: str, link: Element, frame: Floats, remarks: Remarks) -> LinkInertia:
     inertial = link.find("inertial")
     if inertial is None:
         remarks.add_for_part(
             "link", name, "no <inertial>, thus as in Gazebo 1 kg and moments of 1 kg m²"
         )
-        return Share(1.0, frame[:3, 3], np.eye(3), np.zeros((6, 6)), frame)
+        return LinkInertia(1.0, frame[:3, 3], np.eye(3), np.zeros((6, 6)), frame)
     if is_true(inertial.get("auto")):
         mass, centre, inertia = _automatic(name, link, inertial, frame, remarks)
     else:
@@ -179,7 +181,7 @@ def _share(name: str, link: Element, frame: Floats, remarks: Remarks) -> Share:
     if child_text(link, "gravity").lower() in ("0", "false"):
         remarks.add_for_part("link", name, "<gravity> is off in Gazebo; its weight is counted here")
     added = inertial.find("fluid_added_mass")
-    return Share(mass, centre, inertia, _fluid_added_mass(added), frame)
+    return LinkInertia(mass, centre, inertia, _fluid_added_mass(added), frame)
 
 
 def _tensor(name: str, inertial: Element, remarks: Remarks) -> Floats:

@@ -9,7 +9,7 @@ from sim.gazebo.frames import SdfModel
 from sim.water.waves import GRAVITY
 
 DEFAULT_DENSITY = 1000.0  # of gz-sim's Buoyancy [kg/m³]
-EARTH = 9.8  # gravity of a world that states none [m/s²]
+SDF_GRAVITY = 9.8  # of a world that states none [m/s²]
 MIN_DENSITY = 1.0  # least density that is a fluid's, as of air [kg/m³]
 MAX_DENSITY = 2e4  # largest one, beyond that of mercury
 
@@ -19,7 +19,7 @@ class FileWater:
     """The water in which a file's model swims."""
 
     density: float  # [kg/m³]
-    source: str
+    source: str  # where the density is from, for comments and errors
     enabled: frozenset[str] = frozenset()  # names of models and links with buoyancy; empty: all
 
     def __post_init__(self) -> None:
@@ -45,7 +45,7 @@ def water_of(root: Element, model: SdfModel, remarks: Remarks) -> FileWater:
         gravity = world.find("gravity")
         if gravity is not None:
             acceleration = float(-numbers(gravity.text, 3, "<gravity>")[2])
-            if abs(acceleration - GRAVITY) > abs(EARTH - GRAVITY) + 1e-6:
+            if abs(acceleration - GRAVITY) > abs(SDF_GRAVITY - GRAVITY) + 1e-6:
                 remarks.add(f"<gravity> of {acceleration:g} m/s² is not used: {GRAVITY:g} m/s²")
         for plugin in plugins_of(world, "Buoyancy"):
             return _water_of_plugin(plugin, remarks)
@@ -78,10 +78,10 @@ def _water_of_plugin(plugin: Element, remarks: Remarks) -> FileWater:
         source = "default_density"
         for change in graded.findall("density_change"):
             lowest = child_number(change, "above_depth", 0.0)
-            other = child_number(change, "density", 0.0)
+            layer_density = child_number(change, "density", 0.0)
             remarks.add(
-                f"Buoyancy: density of {other:g} kg/m³ above z = {lowest:g} m is not used, the "
-                f"water has {density:g} kg/m³ up to its surface"
+                f"Buoyancy: density of {layer_density:g} kg/m³ above z = {lowest:g} m is not used, "
+                f"the water has {density:g} kg/m³ up to its surface"
             )
     parameters.text("enable")
     parameters.remark_unused()

@@ -135,6 +135,7 @@ class Remarks:
 
     # by what is said, the names of the parts; none: of the model
     _sentences: dict[str, list[str]] = field(default_factory=dict)
+    # by kind of plugin or part and reason, the elements that have no effect
     _unused: dict[tuple[str, str], list[str]] = field(default_factory=dict)
 
     def add(self, text: str) -> None:

@@ -14,7 +14,7 @@ from laisn.errors import LaisnError
 from sim.gazebo.document import Parameters, Remarks, child_number, child_text, plugins_of
 from sim.gazebo.frames import SdfModel
 
-AIR = 1.2041  # density of LiftDrag without <air_density> [kg/m³]
+AIR_DENSITY = 1.2041  # of LiftDrag without <air_density> [kg/m³]
 ASSUMED_ANGLE = 0.35  # of a fin without limits, either way [rad]
 LARGEST_ANGLE = 1.5  # a limit beyond is none [rad]
 _MOVING = ("revolute", "continuous")
@@ -127,7 +127,7 @@ def _remark_on_unmodelled(name: str, parameters: Parameters, remarks: Remarks) -
 
 def _fluid_share(name: str, parameters: Parameters, density: float, remarks: Remarks) -> float:
     """Density of the plugin over that of the water."""
-    fluid = parameters.number("air_density", AIR)
+    fluid = parameters.number("air_density", AIR_DENSITY)
     share = fluid / density
     if not 0.9 < share < 1.1:
         text = "air_density is" if "air_density" in parameters else "no air_density, thus"

@@ -34,9 +34,11 @@ READ_PLUGINS = (*HYDRODYNAMICS, "Thruster", "LiftDrag")
 LAG = {"thruster": 0.2, "fin": 0.1}
 SLENDER = 2.0  # length over width from which a hull's longest axis is taken for its own
 DIGITS = 9  # of the numbers in a hull file, so that weight and buoyancy keep their difference
-THRUST = 50.0  # least assumed limit of a thruster: a T200 at 16 V [N]
+MIN_ASSUMED_THRUST = 50.0  # of a thruster without limits: that of a T200 at 16 V [N]
 ASSUMED_SPEED = 1.5  # that thrusters without limits are to reach [m/s]
-EXPANDS = "gz sdf -p FILE > whole.sdf, run where Gazebo finds the models, puts them in place"
+EXPANSION_ADVICE = (
+    "gz sdf -p FILE > whole.sdf, run where Gazebo finds the models, puts them in place"
+)
 
 
 @dataclass(frozen=True)
@@ -74,22 +76,25 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     model = _chosen_model(root, remarks)
     for uri in _included(model.element):
         remarks.add_for_part(
-            "<include> of", uri, f"not on this machine, so that it is missing; {EXPANDS}"
+            "<include> of", uri, f"not on this machine, so that it is missing; {EXPANSION_ADVICE}"
         )
     water = buoyancy.water_of(root, model, remarks)
     hull = body.hull_of(model, water, remarks)
-    coefficients, coriolis = hydrodynamics.coefficients_of(model, hull, remarks)
-    pushers = thrusters.thrusters_of(model, remarks)
-    if not pushers:
+    coefficients, munk_factor = hydrodynamics.coefficients_of(model, hull, remarks)
+    gazebo_thrusters = thrusters.thrusters_of(model, remarks)
+    if not gazebo_thrusters:
         raise LaisnError("has no Thruster plugin")
     origin = _reference(model)
-    turn = _turn(hull, pushers, remarks)
+    turn = _turn(hull, gazebo_thrusters, remarks)
     placing = Placing(turn, origin)
-    planes = fins.fins_of(model, water.density, turn[0], remarks)
+    gazebo_fins = fins.fins_of(model, water.density, turn[0], remarks)
     matrices = hydrodynamics.about_point(coefficients, turn, origin)
     _remark_on_moved(coefficients, origin, turn, remarks)
-    _remark_on_rest(
-        model, {thruster.joint for thruster in pushers}, {fin.link for fin in planes}, remarks
+    _remark_on_unused(
+        model,
+        {thruster.joint for thruster in gazebo_thrusters},
+        {fin.link for fin in gazebo_fins},
+        remarks,
     )
 
     size = np.abs(turn) @ hull.size
@@ -97,10 +102,12 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     diameter = max(float(np.sqrt(size[1] * size[2])), 0.05)
     if hull.has_unread_shape:
         remarks.add(f"length {length:.3g} m and diameter {diameter:.3g} m are without the meshes")
-    numerics = _numerics(hull, water, matrices, coriolis, placing, length, diameter, remarks)
+    numerics = _numerics(hull, water, matrices, munk_factor, placing, length, diameter, remarks)
     parts = [
-        *_thruster_parts(pushers, placing, _default_thrust(pushers, matrices, turn), remarks),
-        *_fin_parts(planes, placing),
+        *_thruster_parts(
+            gazebo_thrusters, placing, _default_thrust(gazebo_thrusters, matrices, turn), remarks
+        ),
+        *_fin_parts(gazebo_fins, placing),
     ]
     inertia = turn @ hull.inertia @ turn.T
     products = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]
@@ -151,7 +158,8 @@ def _included(element: Element) -> list[str]:
 def _no_model(root: Element) -> str:
     text = "has no <model> with links and a Hydrodynamics plugin"
     if missing := _included(root):
-        return f"{text}; <include> of {', '.join(missing)} is not on this machine: {EXPANDS}"
+        uris = ", ".join(missing)
+        return f"{text}; <include> of {uris} is not on this machine: {EXPANSION_ADVICE}"
     if any(UUV_PLUGIN in plugin.get("filename", "") for plugin in root.iter("plugin")):
         return f"{text}; {uuv_advice()}"
     return text
@@ -166,7 +174,9 @@ def _reference(model: SdfModel) -> Floats:
     raise AssertionError("the model was chosen for its plugin")
 
 
-def _turn(hull: body.SdfHull, pushers: list[thrusters.GazeboThruster], remarks: Remarks) -> Floats:
+def _turn(
+    hull: body.SdfHull, gazebo_thrusters: list[thrusters.GazeboThruster], remarks: Remarks
+) -> Floats:
     """From the model's axes to the body's, whose x points to the nose.
 
     The nose is at +x, unless a slender hull lies along another axis, or all propellers that push
@@ -175,14 +185,14 @@ def _turn(hull: body.SdfHull, pushers: list[thrusters.GazeboThruster], remarks: 
     longest = int(np.argmax(hull.size))
     axis = np.eye(3)[longest]
     is_slender = hull.size[longest] > SLENDER * hull.size[0]
-    if longest != 0 and is_slender and not thrusters.pushing_along(pushers, axis):
+    if longest != 0 and is_slender and not thrusters.pushing_along(gazebo_thrusters, axis):
         remarks.add(
             f"the hull is longest along {'xyz'[longest]}, where no thruster pushes: its nose is "
             "taken to be at +x"
         )
-    if longest != 0 and (not is_slender or not thrusters.pushing_along(pushers, axis)):
+    if longest != 0 and (not is_slender or not thrusters.pushing_along(gazebo_thrusters, axis)):
         axis = np.eye(3)[0]
-    driving = thrusters.pushing_along(pushers, axis)
+    driving = thrusters.pushing_along(gazebo_thrusters, axis)
     extent = float(hull.size @ axis)
     ahead = [
         float((thruster.position - hull.buoyancy_centre) @ axis) > 0.25 * extent
@@ -208,15 +218,15 @@ def _turn(hull: body.SdfHull, pushers: list[thrusters.GazeboThruster], remarks: 
 
 
 def _default_thrust(
-    pushers: list[thrusters.GazeboThruster], matrices: hydrodynamics.Matrices, turn: Floats
+    gazebo_thrusters: list[thrusters.GazeboThruster], matrices: hydrodynamics.Matrices, turn: Floats
 ) -> float:
     """Thrust of each thruster with which all together reach `ASSUMED_SPEED` ahead, within bounds
     [N].
     """
     load = matrices.linear[0, 0] * ASSUMED_SPEED + matrices.quadratic[0, 0] * ASSUMED_SPEED**2
-    shares = sum(abs(float(turn[0] @ thruster.axis)) for thruster in pushers)
-    thrust = load / shares if shares > 0.1 else THRUST
-    return float(np.clip(thrust, THRUST, thrusters.GAZEBO_LIMIT))
+    shares = sum(abs(float(turn[0] @ thruster.axis)) for thruster in gazebo_thrusters)
+    thrust = load / shares if shares > 0.1 else MIN_ASSUMED_THRUST
+    return float(np.clip(thrust, MIN_ASSUMED_THRUST, thrusters.GAZEBO_LIMIT))
 
 
 def _remark_on_moved(
@@ -225,6 +235,7 @@ def _remark_on_moved(
     turn: Floats,
     remarks: Remarks,
 ) -> None:
+    """Remark on coefficients that are moved or turned from their link to the axes of the hull."""
     for link in coefficients:
         arm = float(np.linalg.norm(link.frame[:3, 3] - origin))
         axes = np.abs(turn @ link.frame[:3, :3])
@@ -242,10 +253,10 @@ def _remark_on_moved(
         remarks.add(text)
 
 
-def _remark_on_rest(
-    model: SdfModel, propellers: set[str], moving: set[str], remarks: Remarks
+def _remark_on_unused(
+    model: SdfModel, thruster_joints: set[str], fin_links: set[str], remarks: Remarks
 ) -> None:
-    """Joints, links, sensors and plugins that are not used."""
+    """Remark on joints, links, sensors and plugins that are not used."""
     sensors = 0
     others: list[str] = []
     for scope in model.all_models():
@@ -254,7 +265,7 @@ def _remark_on_rest(
             child = child_text(joint, "child").rpartition("::")[2]
             if child_text(joint, "parent") == "world":
                 raise LaisnError(f"joint {name!r} fixes the model to the world")
-            if kind != "fixed" and name not in propellers and child not in moving:
+            if kind != "fixed" and name not in thruster_joints and child not in fin_links:
                 remarks.add_for_part(
                     "joint", name, f"{kind}, held where it is, as all links are one body"
                 )
@@ -306,26 +317,26 @@ def _numerics(
     hull: body.SdfHull,
     water: buoyancy.FileWater,
     matrices: hydrodynamics.Matrices,
-    coriolis: float,
+    munk_factor: float,
     placing: Placing,
     length: float,
     diameter: float,
     remarks: Remarks,
 ) -> dict[str, SourcedValues]:
-    origin = "gz-sim's Hydrodynamics"
+    source = "gz-sim's Hydrodynamics"
     count = 10
-    strips = length * ((np.arange(count) + 0.5) / count - 0.5)
+    strip_x = length * ((np.arange(count) + 0.5) / count - 0.5)
     return {
         "added_mass": (
             _semidefinite(matrices.added_mass),
-            f"6×6 by rows [kg], [kg m²]: −xDotU … of {origin}, or fluid_added_mass",
+            f"6×6 by rows [kg], [kg m²]: −xDotU … of {source}, or fluid_added_mass",
         ),
-        "munk_factor": (coriolis, "[-]: share of the Coriolis terms"),
-        "linear_damping": (matrices.linear, f"6×6 by rows [N s/m], [N m s]: {origin}, −xU …"),
+        "munk_factor": (munk_factor, "[-]: share of the Coriolis terms"),
+        "linear_damping": (matrices.linear, f"6×6 by rows [N s/m], [N m s]: {source}, −xU …"),
         "linear_damping_fade": (np.zeros(6), "[s/m]: does not fade"),
         "quadratic_damping": (
             matrices.quadratic,
-            f"6×6 by rows [N s²/m²], [N m s²]: {origin}, −xUabsU …",
+            f"6×6 by rows [N s²/m²], [N m s²]: {source}, −xUabsU …",
         ),
         "buoyancy": _buoyancy(hull, water, remarks),
         "buoyancy_density": (water.density, f"[kg/m³]: {water.source}"),
@@ -341,7 +352,7 @@ def _numerics(
         ),
         "hull_lift_planes": ((1.0, 1.0), "[-]: both planes"),
         "cross_flow_drag": ((0.0, 0.0), "[-]: in the quadratic damping"),
-        "strip_x": (strips, f"[m]: {count} equal lengths, which leave the water one by one"),
+        "strip_x": (strip_x, f"[m]: {count} equal lengths, which leave the water one by one"),
         "strip_area": (np.full(count, diameter * length / count), f"[m²]: D L / {count}"),
     }
 
@@ -358,23 +369,26 @@ def _semidefinite(matrix: Floats) -> Floats:
 
 
 def _thruster_parts(
-    pushers: list[thrusters.GazeboThruster], placing: Placing, default: float, remarks: Remarks
+    gazebo_thrusters: list[thrusters.GazeboThruster],
+    placing: Placing,
+    default: float,
+    remarks: Remarks,
 ) -> list[EffectorPart]:
     parts = []
-    all_limits = thrusters.limits_of(pushers, default, remarks)
-    for pusher, limits_in_file in zip(pushers, all_limits, strict=True):
-        axis = placing.direction(pusher.axis)
+    all_limits = thrusters.limits_of(gazebo_thrusters, default, remarks)
+    for thruster, limits_in_file in zip(gazebo_thrusters, all_limits, strict=True):
+        axis = placing.direction(thruster.axis)
         limits = limits_in_file
         if axis[0] <= -0.9:
             axis = -axis
             limits = (-limits[1], -limits[0])
             remarks.add_for_part(
-                "thruster", pusher.joint, "positive thrust is ahead here, astern in Gazebo"
+                "thruster", thruster.joint, "positive thrust is ahead here, astern in Gazebo"
             )
         parts.append(
             EffectorPart(
-                name=_name(pusher.joint),
-                position=placing.point(pusher.position),
+                name=_name(thruster.joint),
+                position=placing.point(thruster.position),
                 axis=axis,
                 limits=limits,
                 lag=LAG["thruster"],
@@ -385,9 +399,9 @@ def _thruster_parts(
     return parts
 
 
-def _fin_parts(planes: list[fins.GazeboFin], placing: Placing) -> list[EffectorPart]:
+def _fin_parts(gazebo_fins: list[fins.GazeboFin], placing: Placing) -> list[EffectorPart]:
     parts = []
-    for fin in planes:
+    for fin in gazebo_fins:
         span = float(np.sqrt(fin.parameters[0]))
         axis = placing.direction(fin.axis)
         axis[np.abs(axis) < 1e-9] = 0.0

@@ -56,9 +56,13 @@ def coefficients_of(
     LaisnError if a plugin's link is missing, a number cannot be read, or damping would drive the
     hull.
     """
-    by_link = [LinkCoefficients(s.frame, s.added_mass) for s in hull.shares if s.added_mass.any()]
-    has_fluid = bool(by_link)
-    disabled = []
+    by_link = [
+        LinkCoefficients(link.frame, link.added_mass)
+        for link in hull.link_inertias
+        if link.added_mass.any()
+    ]
+    has_fluid_added_mass = bool(by_link)
+    coriolis_disabled = []
     for scope in model.all_models():
         plugins = [(plugin, False) for plugin in plugins_of(scope.element, "Hydrodynamics")]
         plugins += [(plugin, True) for plugin in plugins_of(scope.element, TETHYS)]
@@ -66,8 +70,8 @@ def coefficients_of(
             coefficients, has_coriolis = _read_plugin(scope, plugin, is_tethys, remarks)
             by_link.append(coefficients)
             if coefficients.added_mass.any():
-                disabled.append(not has_coriolis)
-    if has_fluid and disabled:
+                coriolis_disabled.append(not has_coriolis)
+    if has_fluid_added_mass and coriolis_disabled:
         remarks.add(
             "added mass is in <fluid_added_mass> and in Hydrodynamics (<xDotU> …): as in Gazebo, "
             "both count"
@@ -76,19 +80,21 @@ def coefficients_of(
         remarks.add(
             "there is no added mass: take it from `laisn hull --length … --diameter … --mass …`"
         )
-    return by_link, _coriolis_factor(has_fluid, disabled, remarks)
+    return by_link, _coriolis_factor(has_fluid_added_mass, coriolis_disabled, remarks)
 
 
-def _coriolis_factor(has_fluid: bool, disabled: list[bool], remarks: Remarks) -> float:
+def _coriolis_factor(
+    has_fluid_added_mass: bool, coriolis_disabled: list[bool], remarks: Remarks
+) -> float:
     """Share of Coriolis and Munk terms, by what the plugins with added mass disable."""
-    if any(not is_disabled for is_disabled in disabled):
+    if any(not is_disabled for is_disabled in coriolis_disabled):
         remarks.add(
             "Coriolis and Munk terms of <xDotU> … have Fossen's sign, as those of "
             "<fluid_added_mass> in Gazebo; the Hydrodynamics plugin applies the opposite one"
         )
-    if not any(disabled):
+    if not any(coriolis_disabled):
         return 1.0
-    if has_fluid or not all(disabled):
+    if has_fluid_added_mass or not all(coriolis_disabled):
         remarks.add(
             "disable_coriolis is not used, as other added mass has Coriolis terms, which a hull "
             "has as a whole"
@@ -114,7 +120,7 @@ def _read_plugin(
         for tag, value in _TETHYS_DEFAULTS.items():
             if tag not in parameters:
                 linear[FORCES.index(tag[0]), RATES.index(tag[1])] = value
-    _require_damping(linear)
+    _require_damping(linear, parameters)
     quadratic = _quadratic(parameters, is_tethys, remarks)
     _take_for_added_mass(added, remarks)
     has_coriolis = (
@@ -145,15 +151,17 @@ def _derivatives(parameters: Parameters, form: str) -> Floats:
     )
 
 
-def _require_damping(linear: Floats) -> None:
+def _require_damping(linear: Floats, parameters: Parameters) -> None:
     for i in range(6):
         if linear[i, i] > 0.0:
-            _refuse_driving(f"{FORCES[i]}{RATES[i]}", linear[i, i])
+            tag = f"{FORCES[i]}{RATES[i]}"
+            origin = "given" if tag in parameters else f"not given, default of {TETHYS}"
+            _refuse_driving(tag, linear[i, i], origin)
 
 
-def _refuse_driving(tag: str, value: float) -> None:
+def _refuse_driving(tag: str, value: float, origin: str = "given") -> None:
     raise LaisnError(
-        f"<{tag}> must not be positive, since it would drive the hull (given: {value:g})"
+        f"<{tag}> must not be positive, since it would drive the hull ({origin}: {value:g})"
     )
 
 
@@ -179,31 +187,32 @@ def _drop_added_mass(added: Floats, has_coriolis: bool, remarks: Remarks) -> Non
 def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Floats:
     """Q[i, j, k] of −Q |ν_k| ν_j by names such as xUabsU and xUU; 0 where j ≠ k."""
     damping = np.zeros((6, 6, 6))
-    signed = []
-    mixed = []
+    plain_tags = []
+    mixed_tags = []
     for i, j, k in np.ndindex(damping.shape):
-        tag = f"{FORCES[i]}{RATES[j]}abs{RATES[k]}"
-        unsigned = f"{FORCES[i]}{RATES[j]}{RATES[k]}"
-        value = parameters.number(tag, 0.0)
-        plain_value = parameters.number(unsigned, 0.0)
+        abs_tag = f"{FORCES[i]}{RATES[j]}abs{RATES[k]}"
+        plain_tag = f"{FORCES[i]}{RATES[j]}{RATES[k]}"
+        abs_value = parameters.number(abs_tag, 0.0)
+        plain_value = parameters.number(plain_tag, 0.0)
         if j != k:
-            mixed += [name for name, number in ((unsigned, plain_value), (tag, value)) if number]
+            values = ((plain_tag, plain_value), (abs_tag, abs_value))
+            mixed_tags += [tag for tag, number in values if number]
             continue
-        if i == j and value + plain_value > 0.0:
-            _refuse_driving(tag if value > 0.0 else unsigned, value + plain_value)
+        if i == j and abs_value + plain_value > 0.0:
+            _refuse_driving(abs_tag if abs_value > 0.0 else plain_tag, abs_value + plain_value)
         if plain_value and not is_tethys:
-            signed.append(unsigned)
-        damping[i, j, k] = -value - plain_value
-    if signed:
-        tags = ", ".join(f"<{tag}>" for tag in signed)
+            plain_tags.append(plain_tag)
+        damping[i, j, k] = -abs_value - plain_value
+    if plain_tags:
+        tags = ", ".join(f"<{tag}>" for tag in plain_tags)
         remarks.add(
             f"{tags}: of u u in today's Gazebo, which drives a hull astern instead of damping, of "
             "|u| u in earlier ones; taken for |u| u (<xUabsU>)"
         )
-    if mixed:
+    if mixed_tags:
         remarks.add(
-            f"{', '.join(f'<{tag}>' for tag in mixed)}: forces of products of two velocities are "
-            "not modelled"
+            f"{', '.join(f'<{tag}>' for tag in mixed_tags)}: forces of products of two velocities "
+            "are not modelled"
         )
     return damping
 
@@ -216,7 +225,7 @@ def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Float
     origin.
 
     Args:
-        coefficients: by link, in the model's frame.
+        coefficients: by link.
         turn: 3×3, from the model's axes to the body's.
         point: origin of the body in the model [m].
     """
@@ -235,8 +244,8 @@ def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Float
 
 
 def motion_at(frame: Floats, turn: Floats, point: Floats) -> Floats:
-    """6×6 from the body's velocities about its origin to those of a frame's origin, along its
-    axes.
+    """6×6 from the body's velocities about its origin to those of a frame's origin, along the
+    frame's axes.
     """
     arm = turn @ (frame[:3, 3] - point)
     axes = (turn @ frame[:3, :3]).T

@@ -105,6 +105,11 @@ def test_what_is_not_taken_as_it_stands_is_remarked(
             "Hydrodynamics: <xU>: expected 1 number (given: 'four')",
         ),
         ((LINK, "<link_name>keel</link_name>"), "no <link name='keel'>"),
+        (
+            ("gz::sim::systems::Hydrodynamics", "tethys::HydrodynamicsPlugin"),
+            "<yV> must not be positive, since it would drive the hull (not given, default of "
+            "tethys::HydrodynamicsPlugin: 20)",
+        ),
     ],
 )
 def test_coefficients_that_cannot_be_are_refused(
