@@ -43,11 +43,13 @@ from sim.film.film_data import (
 
 Trail = tuple[Floats, Colour]  # positions, shape (p, 3), [m], and the colour of their line
 Text = tuple[float, str, Colour, float]
-"""Distance from the left edge of a panel, or from the right one if negative, words, colour and
-size.
+"""Distance from the left edge of a panel, or from the right one if negative, words, colour, and
+size, bold if negative; both in pixels at 720 rows.
 """
 Row = tuple[float, list[Text]]
-"""A line of the panel of numbers: distance from the line above, and texts."""
+"""A line of the panel of numbers: distance from the line above, in pixels at 720 rows, and
+texts.
+"""
 
 SIGMAS = 2.0  # half axes of the ellipse of uncertainty in standard deviations
 _SHORT_ROWS = 576
@@ -60,7 +62,7 @@ _EDGE: Colour = (0.55, 0.80, 0.90)
 _FLEET_SHARE = 0.25
 # right edges of the leader's and the follower's numbers, from the right edge of the panel
 _COLUMNS = (-106.0, -12.0)
-_MARGIN_PX = 2
+_MARGIN_PX = 2  # around a panel's area, for the line of its edge
 
 
 def clock(seconds: float) -> str:
@@ -96,7 +98,8 @@ class Dashboard:
         self._annotations = data.annotations
         s = canvas.scale
         t = canvas.text_scale
-        # pixels of figures that are given for frames of 720 rows; text has a least size
+        # pixels to a pixel of a frame of 720 rows, in which sizes are given here; those of text and
+        # of what holds it shrink with the frame only as far as it can be read
         self._scale = s
         self._text_scale = t
         self._size = (canvas.width, canvas.height)
@@ -242,11 +245,11 @@ class Dashboard:
         data = self._data
         axes = self._axes((left + 46 * t, top + 26 * t, width - 66 * t, height - 45 * t))
         for colour, values in curves:
-            axes.plot(data.steps, values, color=colour, lw=1.5 * self._scale, clip_on=False)
+            axes.plot(data.step_times, values, color=colour, lw=1.5 * self._scale, clip_on=False)
         finite = np.concatenate([values[np.isfinite(values)] for _, values in curves])
         low, high = 1.08 * finite.min(initial=0.0), 1.08 * finite.max(initial=0.0)
         axes.set_ylim(low, high if high > low else 1.0)
-        axes.set_xlim(data.start, float(data.steps[-1]))
+        axes.set_xlim(data.start, float(data.step_times[-1]))
         axes.tick_params(axis="y", pad=7 * t)
         axes.grid(axis="y", color=(*_EDGE, 0.22), lw=self._scale)
         axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
@@ -444,7 +447,7 @@ class Dashboard:
             for colour, values in curves:
                 if step and np.isfinite(values[step - 1]):
                     latest = axes.transData.transform(
-                        [(self._data.steps[step - 1], values[step - 1])]
+                        [(self._data.step_times[step - 1], values[step - 1])]
                     )
                     dots.append(canvas.disc(self._downward(latest)[0], 3.5, colour, PALE))
         canvas.strokes(strokes)

@@ -45,7 +45,7 @@ _UNKNOWN: RGB = (0.45, 0.55, 0.60)
 
 def diverging(shares: npt.ArrayLike) -> Floats:
     """Colours of values in [-1, 1], symmetric about 0 and constant beyond; shape (…) gives shape
-    (…, 3).
+    (…, 3); a grey for NaN.
     """
     values = np.asarray(shares, dtype=np.float64)
     colours = np.stack([np.interp(values, _SHARES, channel) for channel in _COLOURS.T], axis=-1)
@@ -123,7 +123,8 @@ class FilmFrame:
     film_time: float  # since the film began [s]
     position: Floats  # body origins in the world, shape (v, 3), [m]
     quaternion: Floats  # attitudes from body to world, (w, x, y, z), shape (v, 4)
-    effectors: Floats  # states of the effectors, shape (v, m)
+    # states of the effectors, with units and padding as of `Trajectory.thrust`, shape (v, m)
+    effectors: Floats
     heading: Floats
     pitch: Floats  # shape (v,), as `heading`
     speed: Floats  # speed through the water, shape (v,), [m/s]
@@ -143,10 +144,8 @@ class FilmFrame:
     ranges: Floats  # last slant ranges measured, shape (f, 3), [m]; NaN if none
     message: Ints  # index of the last message, shape (f,); -1 before the first
     fix_kind: tuple[FixKind | None, ...]  # outcome of the last message, per follower
-    position_error: Floats
-    bearing_error: (
-        Floats  # shape (f,), [rad]; NaN before the first step, as is `position_error` [m]
-    )
+    position_error: Floats  # E_P, shape (f,), [m]; NaN before the first step
+    bearing_error: Floats  # E_B, shape (f,), [rad]; likewise
 
 
 class FilmData:
@@ -172,15 +171,17 @@ class FilmData:
         self.start = float(truth.time[0])
         self.end = float(truth.time[-1])
         self.dt = flight.measurements[0].dt
-        self.steps = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
+        self.step_times = self.start + self.dt * np.arange(1, self.position_error.shape[1] + 1)
         """Times of the filter steps, shape (n,), [s]."""
         names = truth.names
+        # indices of sites of the trajectory
         self._transmitters = [
             truth.site(f"{names[0]}/tx_{transmitter}") for transmitter in Ranges._fields
         ]
         self._hydrophones = [truth.site(f"{name}/hydrophone") for name in names[1:]]
         followers = flight.scenario.followers
         self.on_stations = any(follower_setup.station for follower_setup in followers)
+        # true stations at the times of the trajectory, shape (times, f, 3), [m]
         self._stations = np.full((truth.time.size, len(followers), 3), np.nan)
         if self.on_stations:
             places = true_stations(MotionSettings.of(flight.scenario), truth)
@@ -193,6 +194,8 @@ class FilmData:
             self._stations[:, [follower_setup.station is None for follower_setup in followers]] = (
                 np.nan
             )
+        # followers, and their estimated positions at filter steps, shape (n, 2), [m]: their own
+        # estimates, then the other ones of the filmed follower
         self._estimates = [
             *((f, estimates.state[:, :2]) for f, estimates in enumerate(flight.estimates)),
             *((follower, other.position) for other in annotations.others),
@@ -200,7 +203,7 @@ class FilmData:
 
     def step(self, time: float) -> int:
         """Number k of the last filter step before a mission time [s]; 0 before the first."""
-        return min(int((time - self.start) / self.dt + 1e-9), self.steps.size)
+        return min(int((time - self.start) / self.dt + 1e-9), self.step_times.size)
 
     def at(self, time: float) -> FilmFrame:
         """State at a mission time [s]; ValueError if it lies outside the mission."""
@@ -212,9 +215,9 @@ class FilmData:
             quaternion[truth.site_vehicle], truth.site_offset
         )
         index = (time - self.start) / truth.dt
-        i = min(round(index), truth.time.size - 1)
-        j = min(int(index), truth.time.size - 1)
-        u = index % 1.0
+        nearest = min(round(index), truth.time.size - 1)
+        before = min(int(index), truth.time.size - 1)
+        fraction = index % 1.0
         k = self.step(time)
         hydrophone = sites[self._hydrophones]
         followers = range(len(hydrophone))
@@ -233,16 +236,16 @@ class FilmData:
             film_time=(time - self.start) / self.speed_up,
             position=position,
             quaternion=quaternion,
-            effectors=truth.thrust[i],
+            effectors=truth.thrust[nearest],
             heading=heading,
             pitch=pitch,
-            speed=truth.forward_speed[i],
+            speed=truth.forward_speed[nearest],
             transmitter=sites[self._transmitters],
             hydrophone=hydrophone,
             estimate=estimate,
             others=others,
-            station=(1 - u) * self._stations[j]
-            + u * self._stations[min(j + 1, truth.time.size - 1)],
+            station=(1 - fraction) * self._stations[before]
+            + fraction * self._stations[min(before + 1, truth.time.size - 1)],
             hypotheses=tuple(self._hypotheses(f, max(k, 1), estimate[f]) for f in followers),
             covariance=np.stack(
                 [self.flight.estimates[f].covariance[max(k, 1) - 1, :2, :2] for f in followers]
@@ -270,7 +273,7 @@ class FilmData:
         """Values at filter steps, shape (n, c), at p other times, shape (p, c); constant beyond
         the ends.
         """
-        return np.column_stack([np.interp(times, self.steps, column) for column in values.T])
+        return np.column_stack([np.interp(times, self.step_times, column) for column in values.T])
 
     def _hypotheses(self, follower: int, k: int, state: Floats) -> tuple[Hypothesis, ...]:
         """Hypotheses after the last message before step k, moved as the estimate has moved
@@ -292,15 +295,16 @@ class FilmData:
     def _reception(
         self, follower: int, k: int, time: float
     ) -> tuple[Floats, Floats, int, FixKind | None]:
+        """`FilmFrame.ray`, `ranges`, `message` and `fix_kind` of a follower at step k."""
         measured = self.flight.measurements[follower]
         last = int(np.searchsorted(measured.message_step, k, side="right")) - 1
         if last < 0:
             return np.zeros(3), np.full(3, np.nan), -1, None
         age = (time - self.start - measured.message_step[last] * self.dt) / self.speed_up
         ranges = measured.ranges[last]
-        fixes = self.flight.estimates[follower]
-        latest = int(np.searchsorted(fixes.fix_step, k, side="right")) - 1
-        kind = FixKind(int(fixes.fix_kind[latest])) if latest >= 0 else None
+        estimates = self.flight.estimates[follower]
+        latest = int(np.searchsorted(estimates.fix_step, k, side="right")) - 1
+        kind = FixKind(int(estimates.fix_kind[latest])) if latest >= 0 else None
         return (
             np.where(np.isnan(ranges), 0.0, np.exp(-max(age, 0.0) / _AFTERGLOW_S)),
             ranges,

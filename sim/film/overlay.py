@@ -24,8 +24,8 @@ from sim.film.film_data import (
 from sim.film.scene import Box
 from sim.scenario.settings import Video
 
-_TRAIL_PIECES = 12
-_HULL_CLEAR_M = 0.45
+_TRAIL_PIECES = 12  # of a trail, each with an opacity of its own
+_HULL_CLEAR_M = 0.45  # least length of the line from a vehicle to its label, in the world
 _ELLIPSE_PX = 9.0
 """Half axis from which an ellipse of uncertainty is drawn, at 720 rows: below it would lie under
 the marker.
@@ -38,7 +38,7 @@ _SMALL = (640, 360)  # frames below this size go without panels [px]
 _DARK: Colour = (0.0, 0.05, 0.08, 0.9)
 _WHITE: Colour = (1.0, 1.0, 1.0, 0.75)
 _LABEL_SIZE = 13
-_LABEL_GAP = 3.0
+_LABEL_GAP = 3.0  # between the words and the edge of their plate, at 720 rows [px]
 _LABEL_ROWS = 5
 _LABEL_STEP = 22.0
 _LABEL_ASIDE = (16.0, 70.0)
@@ -64,7 +64,7 @@ class Label(NamedTuple):
 
 
 class Overlay:
-    """Draws over the frames of one film."""
+    """Draws over the frames of one film; with `plain` neither panels nor words."""
 
     def __init__(self, data: FilmData, video: Video, *, plain: bool = False) -> None:
         self._data = data
@@ -77,10 +77,10 @@ class Overlay:
         self._transmitters = range(navigation.transmitters)
         # that camera is for the leader's pitch: a line shows its axis as it would lie in a level
         # hull
-        self._level_axis = video.camera == "profile"
+        self._shows_level_axis = video.camera == "profile"
         self._dashboard = None
         if not plain and video.width_px >= _SMALL[0] and video.height_px >= _SMALL[1]:
-            self._dashboard = Dashboard(data, self.canvas, self._level_axis)
+            self._dashboard = Dashboard(data, self.canvas, self._shows_level_axis)
 
     def inset_boxes(self, shot: Shot) -> tuple[Box, ...]:
         """Places of a shot's insets along the lower edge, from one side on: left, top, width,
@@ -147,8 +147,8 @@ class Overlay:
         """Lines and markers as one camera sees them, inside its box."""
         points = np.array([points for points, _ in trails])
         strokes = [
-            Stroke(pixels, (*trails[n][1][:3], 0.75 * age**0.8))
-            for n, pixels, age in self._lines(view, box, points, _TRAIL_PIECES)
+            Stroke(pixels, (*trails[n][1][:3], 0.75 * fraction**0.8))
+            for n, pixels, fraction in self._lines(view, box, points, _TRAIL_PIECES)
         ]
         strokes += [*self._rays(state, view, box), *self._ellipses(state, view, box)]
         lines, markers = self._markers(state, view, box)
@@ -187,25 +187,29 @@ class Overlay:
                 if is_filmed
                 else TRANSMITTER_COLOURS
             )
-            clear = float(state.ray[f, i]) * (0.7 if is_filmed else 0.3)
-            yield Stroke(pixels, (*colours[i], 0.16 * clear), 7.0)
-            yield Stroke(pixels, (*colours[i], 0.85 * clear), 1.8)
+            opacity = float(state.ray[f, i]) * (0.7 if is_filmed else 0.3)
+            yield Stroke(pixels, (*colours[i], 0.16 * opacity), 7.0)
+            yield Stroke(pixels, (*colours[i], 0.85 * opacity), 1.8)
 
     def _trails(self, state: FilmFrame) -> list[Trail]:
         """Trails of all vehicles, of the other estimates and of the filmed follower's own, which
         lies on top.
         """
         trails = self._data.trails(state)
-        f = len(state.estimate)
+        followers = len(state.estimate)
         colours = [
             LEADER,
-            *[TRUTH] * f,
+            *[TRUTH] * followers,
             *(other.colour for other in self._annotations.others),
             ESTIMATE,
         ]
         return list(
             zip(
-                [*trails[: f + 1], *trails[2 * f + 1 :], trails[f + 1 + self._follower]],
+                [
+                    *trails[: followers + 1],
+                    *trails[2 * followers + 1 :],
+                    trails[followers + 1 + self._follower],
+                ],
                 colours,
                 strict=True,
             )
@@ -236,19 +240,20 @@ class Overlay:
         """
         c = self.canvas
         shapes = list[Polygon]()
-        links = [level_axis(state)] if self._level_axis else []
+        links = [level_axis(state)] if self._shows_level_axis else []
         links += [nearest(state.position)] if self._data.on_stations else []
         colours = self._annotations.ray_colours(state.message[self._follower])
         hydrophone_followed = state.hydrophone[self._follower]
         hydrophones = state.hydrophone
-        others = [
+        estimates = [
             (hydrophone_followed, o, other.colour)
             for o, other in zip(state.others, self._annotations.others, strict=True)
         ]
-        others += [
+        estimates += [
             (hydrophone, e, ESTIMATE)
             for hydrophone, e in zip(hydrophones, state.estimate, strict=True)
         ]
+        # what draws a mark, its point, radius, fill and outline, and the ends of its dashed line
         marks: list[tuple[Any, Floats, float, Colour, Colour, list[Floats]]] = [
             *(
                 (c.disc, state.transmitter[i], 2.6, colours[i], _DARK, [])
@@ -260,7 +265,7 @@ class Overlay:
             ),
             *(
                 (c.diamond, estimate, 6.0, colour, _DARK, [h, estimate])
-                for h, estimate, colour in others
+                for h, estimate, colour in estimates
             ),
             *((c.disc, hydrophone, 4.5, TRUTH, _DARK, []) for hydrophone in hydrophones),
         ]
@@ -288,11 +293,11 @@ class Overlay:
         names = self._data.flight.trajectory.names
         truth = state.hydrophone[f]
         leader = state.position[0]
-        pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._level_axis else ""
+        pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._shows_level_axis else ""
         distance_to_leader = float(np.linalg.norm(leader - state.position[f + 1]))
 
-        def off(name: str, pixel: Floats) -> str:
-            return f"{name}, off by {float(np.hypot(*(pixel - truth)[:2])):.1f} m"
+        def off(name: str, position: Floats) -> str:
+            return f"{name}, off by {float(np.hypot(*(position - truth)[:2])):.1f} m"
 
         # side of the label: above the point if negative
         candidates: list[tuple[Floats, str, Colour, int]] = [
@@ -309,7 +314,7 @@ class Overlay:
             candidates.append((position, off(other.label, position), other.colour, 1))
         other_followers = [i for i in range(len(state.hydrophone)) if i != f][: _LABELS - 1]
         candidates += [(state.hydrophone[i], names[i + 1], TRUTH, -1) for i in other_followers]
-        if self._level_axis:
+        if self._shows_level_axis:
             candidates.append((level_axis(state)[0], "level", (1.0, 1.0, 1.0), 0))
         labels = []
         covered = self._dashboard.covered if self._dashboard else []
@@ -328,7 +333,9 @@ class Overlay:
     def _scale_bar(
         self, view: View, box: Box, pixel: tuple[float, float], share: float, words: str = ""
     ) -> None:
-        """A bar of a round length, at most a share of the box's width, where one scale holds."""
+        """A bar of a round length, at most a share of the box's width, from a pixel on, where one
+        scale holds, that at `View.plane_m` ahead.
+        """
         if view.plane_m:
             x, y = pixel
             s = self.canvas.scale
@@ -341,8 +348,8 @@ class Overlay:
 
 
 def level_axis(state: FilmFrame) -> Floats:
-    """Ends, shape (2, 3), [m], of the leader's axis as it would lie in a level hull, a little
-    longer than that.
+    """Ends, shape (2, 3), [m], of a line along the leader's axis as it would lie in a level hull,
+    1.6 times as long as its transmitters are apart.
     """
     rear, front = state.transmitter[:2]
     middle = state.position[0]

@@ -33,7 +33,7 @@ from sim.scenario.settings import Video
 from sim.system import atomic_write
 
 _IMPORTS = "from sim.film import render"  # first line of the program that a child process runs
-_LAST_WORDS = 12
+_LAST_WORDS = 12  # lines of the output of a child that died, in the error
 # frames of a group of pictures. Each begins with an IDR frame and is encoded by itself, by
 # whichever child
 GROUP = 30
@@ -49,7 +49,7 @@ _X264 = {
     "threads": "1",
     "x264-params": f"repeat-headers=1:annexb=1:scenecut=0:keyint={GROUP}:min-keyint={GROUP}",
 }
-_BT709 = _LIMITED = 1
+_BT709 = _LIMITED = 1  # as FFmpeg numbers colour spaces and ranges
 LOG_WIDTH_PX = 640
 """Most width of the film that a log holds."""
 Background = Literal["sea", "white", "transparent"]
@@ -116,8 +116,8 @@ class FrameRenderer:
             return white
         return cut_out(white.copy(), self._frame(time, 0.0))
 
-    def _frame(self, time: float, ground: float | None) -> Bytes:
-        """The frame before a ground of one grey, or in the sea."""
+    def _frame(self, time: float, background_grey: float | None) -> Bytes:
+        """The frame before a background of one grey, from 0 to 1, or, with None, in the sea."""
         state = self._data.at(time)
         custom_camera = self._job.camera
         shot = (
@@ -126,14 +126,14 @@ class FrameRenderer:
         if self._job.plain:
             shot = shot._replace(insets=())
         boxes = self._overlay.inset_boxes(shot)
-        self._overlay.canvas.load(self._scene.picture(state, shot, boxes, ground))
+        self._overlay.canvas.load(self._scene.picture(state, shot, boxes, background_grey))
         self._overlay.draw(state, shot)
         return self._overlay.canvas.pixels
 
 
 def cut_out(white: Bytes, black: Bytes) -> Bytes:
-    """What two pictures before a white and a black ground show without it, with its opacity, all
-    of shape (height, width, 4).
+    """The picture without its background, with its opacity, by the same one before a white and
+    before a black background, all of shape (height, width, 4).
     """
     before_white = white[..., :3].astype(np.float64)
     before_black = black[..., :3].astype(np.float64)
@@ -149,7 +149,7 @@ class _Encoder:
     """Frames into H.264 access units: Annex B, no B-frames, ITU-R BT.709 in limited range."""
 
     def __init__(self, width: int, height: int, rate_hz: int) -> None:
-        """Of pictures of a size [px], to which frames are scaled."""
+        """Encode pictures of a size [px], to which frames are scaled."""
         # codecs take a tenth of a second to load, and the parent of children needs none
         import av
         from av.video.reformatter import VideoReformatter
@@ -167,7 +167,7 @@ class _Encoder:
         self._reformatter = VideoReformatter()
         self._count = 0
         self.units = list[bytes]()
-        """Of the frames until now."""
+        """Access units of the frames until now."""
 
     def add(self, frame: Any) -> None:
         """Encode an `av.VideoFrame`."""
@@ -262,8 +262,8 @@ def _check_file(path: Path, suffix: str) -> None:
 
 
 def _results(job: FilmJob, programs: Sequence[str]) -> Generator[Any, None, None]:
-    """Results of child processes as they arrive; none outlives the generator. RendererDiedError:
-    one died.
+    """Results of child processes as they arrive, each of which calls one of `programs`, such as
+    "main(0, 2)"; none outlives the generator. RendererDiedError: one died.
     """
     backend = graphics.working()
     if backend is None:

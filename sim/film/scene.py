@@ -25,17 +25,17 @@ from sim.water.assembly import floor_of, sea_of_keys
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
-from sim.water.waves import PHASE
+from sim.water.waves import AMPLITUDE, FIXED_OMEGA, KX, KY, PHASE
 
-Box = tuple[int, int, int, int]
+Box = tuple[int, int, int, int]  # left, top, width, height [px]
 
-_GHOST_ALPHA = 0.30
-_GHOST_FULL_M = 1.5
-_MIN_GHOST = 0.05
+_GHOST_ALPHA = 0.30  # largest opacity of a ghost
+_GHOST_FULL_M = 1.5  # position error from which a ghost has it; below, in proportion
+_MIN_GHOST = 0.05  # ghosts of less opacity are not drawn
 _INSIDE = ("nozzle", "band")  # parts that shine through a translucent hull and make blotches of it
 _MAX_GEOMS = 6000
 _UNSEEN = mujoco.mjNGROUP - 1  # group of geoms that are not drawn
-_INSET_FOG = (3.0, 110.0)
+_INSET_FOG = (3.0, 110.0)  # where the fog of insets begins, and where it hides all [m]
 _HULL_REACH_M = 1.5  # reach from a vehicle's middle to beyond its ends, propeller included
 # colour of the fog, and so of all that is far, so that no band remains at the horizon
 WATER = (0.035, 0.26, 0.36)
@@ -48,8 +48,8 @@ _SPACINGS_M = (
     *(_TILE_M * k for k in (2, 3, 4, 6, 8, 12, 16, 24, 32)),
 )
 """Spacings of a height field's points; they divide the tile, or are whole tiles."""
-_CREST_M = 25.0
-_TEXELS = 256
+_CREST_M = 25.0  # from the lowest to the highest surface that the height field can show
+_TEXELS = 256  # of a texture along each side
 
 
 def _noise(wavelength: float, seed: int) -> Floats:
@@ -160,14 +160,17 @@ class Sea:
         self, model: mujoco.MjModel, ocean: Ocean, floor: LevelFloor | GriddedFloor
     ) -> None:
         self._model = model
-        self._geom, self._floor = (
+        # ids of their geoms
+        self._surface_geom, self._floor_geom = (
             mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, n) for n in ("sea", "seabed")
         )
-        self._ground = floor if isinstance(floor, GriddedFloor) else None
-        self._shown: tuple[float, ...] = ()  # grid of the floor in the graphics context
+        self._gridded_floor = floor if isinstance(floor, GriddedFloor) else None
+        # west, east and south edge of the floor's grid in the graphics context
+        self._shown: tuple[float, ...] = ()
         self._ocean = ocean
+        # a row for each wave, with columns as of `sim.water.waves`
         self._waves = ocean.environment.waves.components[: PHASE + 1].T
-        self._steepness = np.hypot(self._waves[:, 1], self._waves[:, 2])
+        self._wavenumber = np.hypot(self._waves[:, KX], self._waves[:, KY])  # [rad/m]
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
         """East and north of the height field's points, at least `reach` about `centre`, shape
@@ -186,9 +189,10 @@ class Sea:
         (len(y), len(x)), [m].
         """
         spacing = float(x[1] - x[0])
-        is_resolved = self._steepness * spacing < 2.0
+        is_resolved = self._wavenumber * spacing < 2.0
         east, north = self._ocean.environment.current.at_time(time).drift.displacement
-        amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, [0, 1, 2, 4, 5]].T
+        columns = [AMPLITUDE, KX, KY, FIXED_OMEGA, PHASE]
+        amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, columns].T
         along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
@@ -205,22 +209,22 @@ class Sea:
         is at `time`.
         """
         model = self._model
-        model.geom_rgba[self._geom, 3] = float(surface)
+        model.geom_rgba[self._surface_geom, 3] = float(surface)
         x, y = self.grid(centre, reach)
         # a floor beyond the fog would cost a third of a frame
         half_width = (x[-1] - x[0]) / 2
-        model.geom_size[self._floor, :2] = half_width
-        model.geom_pos[[self._geom, self._floor], :2] = x.mean(), y.mean()
+        model.geom_size[self._floor_geom, :2] = half_width
+        model.geom_pos[[self._surface_geom, self._floor_geom], :2] = x.mean(), y.mean()
         if not surface:
             return
         heights = 0.5 - self.elevation(x, y, time)[::-1] / _CREST_M
-        field = int(model.geom_dataid[self._geom])
+        field = int(model.geom_dataid[self._surface_geom])
         first = model.hfield_adr[field]
         model.hfield_data[first : first + heights.size] = heights.ravel()
         model.hfield_size[field, :2] = half_width
         mujoco.mjr_uploadHField(model, context, field)
-        if self._ground is not None:
-            self._show_floor(self._ground, x, y, context)
+        if self._gridded_floor is not None:
+            self._show_floor(self._gridded_floor, x, y, context)
 
     def _show_floor(self, floor: GriddedFloor, x: Floats, y: Floats, context: Any) -> None:
         """Bring the relief of the floor to a grid."""
@@ -234,7 +238,7 @@ class Sea:
         field.
         """
         model = self._model
-        field = int(model.geom_dataid[self._floor])
+        field = int(model.geom_dataid[self._floor_geom])
         model.hfield_size[field, :2] = (x[-1] - x[0]) / 2
         heights = (floor.deepest - floor.depths_at(*np.meshgrid(x, y))) / relief_of(floor)
         first = model.hfield_adr[field]
@@ -255,6 +259,7 @@ class GlScene:
         self._vehicles = resolve(self._model, flight.trajectory.names)
         self._fins = [MovingFins(self._model, f"{name}/") for name in flight.trajectory.names]
         parts = [self._model.geom(g).name.split("/")[-1] for g in range(self._model.ngeom)]
+        # geoms that ghosts do not have
         self._inside = {g for g, part_name in enumerate(parts) if part_name.startswith(_INSIDE)}
         self._gl = mujoco.GLContext(self.width, self.height)
         self._gl.make_current()
@@ -265,9 +270,9 @@ class GlScene:
         self._scene = mujoco.MjvScene(self._model, _MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = True
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = False  # see `_add_backdrop`
-        self._sight = 0.0
-        self._ground: float | None = None
-        self._floor = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
+        self._fog_end = 0.0  # distance from which nothing is seen [m]
+        self._background_grey: float | None = None  # from 0 to 1; None: the sea
+        self._floor_geom = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_GEOM, "seabed")
         self._options = mujoco.MjvOption()
         self._options.geomgroup[_UNSEEN] = 0
         roots = self._model.body_rootid[self._model.geom_bodyid]
@@ -288,17 +293,21 @@ class GlScene:
         self._gl.free()
 
     def picture(
-        self, state: FilmFrame, shot: Shot, insets: tuple[Box, ...], ground: float | None = None
+        self,
+        state: FilmFrame,
+        shot: Shot,
+        insets: tuple[Box, ...],
+        background_grey: float | None = None,
     ) -> Bytes:
         """Pixels of a state, bottom row first, shape (height, width, 4), the same array at every
         call; the fourth channel is without meaning.
 
-        Insets lie in boxes (left, top, width, height) [px]. With a ground, a grey from 0 to 1,
+        Insets lie in boxes (left, top, width, height) [px]. With a grey background, from 0 to 1,
         there is no sea.
         """
-        self._ground = ground
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = ground is None
-        self._model.geom_rgba[self._floor, 3] = float(ground is None)
+        self._background_grey = background_grey
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_FOG] = background_grey is None
+        self._model.geom_rgba[self._floor_geom, 3] = float(background_grey is None)
         for vehicle, position, quaternion in zip(
             self._vehicles, state.position, state.quaternion, strict=True
         ):
@@ -315,7 +324,7 @@ class GlScene:
             0.9 * shot.fog[1],
             state.time,
             self._context,
-            surface=shot.surface and ground is None,
+            surface=shot.surface and background_grey is None,
         )
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_camlight(self._model, self._data)
@@ -372,13 +381,14 @@ class GlScene:
             yield left + x0, self.height - (top + y1), x1 - x0, y1 - y0
 
     def _fog(self, start: float, end: float) -> None:
+        """Let fog begin at a distance, and hide all at another [m]."""
         # loads the graphics library, which a process that only imports this file may not have
         from OpenGL import GL
 
         # MuJoCo hands its fog to OpenGL once, when the context is made
         GL.glFogf(GL.GL_FOG_START, start)
         GL.glFogf(GL.GL_FOG_END, end)
-        self._sight = end
+        self._fog_end = end
 
     def _read_one_mipmap(self) -> None:
         """Take a pixel of a texture from the nearest of its sizes alone: on a processor, two
@@ -445,6 +455,9 @@ class GlScene:
     def _add(
         self, shape: int, size: Floats, position: Floats, turn: Floats, rgba: tuple[float, ...]
     ) -> Any:
+        """Add a geom of a type of MuJoCo to the scene, with the rotation matrix `turn`; returns it,
+        or None if there is no room.
+        """
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
             return None
@@ -467,8 +480,8 @@ class GlScene:
         """A wall beyond the fog, which colours it; drawn last and mostly hidden, it costs a
         quarter of a sky.
         """
-        distance = 1.5 * self._sight
-        grey = 0.0 if self._ground is None else self._ground
+        distance = 1.5 * self._fog_end
+        grey = 0.0 if self._background_grey is None else self._background_grey
         right, up, forward = view.axes
         size = np.array([4.0 * distance, 3.0 * distance, 1.0])
         turn = np.column_stack([right, up, -forward])
@@ -479,7 +492,7 @@ class GlScene:
             turn,
             (grey, grey, grey, 1),
         )
-        if wall is not None and self._ground is not None:
+        if wall is not None and self._background_grey is not None:
             wall.emission = 1.0
             wall.specular = 0.0  # no light but its own
 

@@ -63,7 +63,7 @@ def test_the_drawn_sea_is_the_simulated_sea():
     )
     sea = Sea.__new__(Sea)
     sea._ocean, sea._waves = ocean, ocean.environment.waves.components[: PHASE + 1].T
-    sea._steepness = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
+    sea._wavenumber = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3)
     assert np.abs(drawn - elevation(ocean, x[None, :], y[:, None], 12.3)).max() <= 1e-9
