@@ -27,7 +27,7 @@ from sim.control.autopilot import (
 from sim.control.stability import require_stable
 from sim.hull import (
     HULL_KEYS,
-    STATION_WAY,
+    MIN_STATION_SPEED,
     Hull,
     calm_plant,
     hull_of,
@@ -389,7 +389,7 @@ def _station_speeds(formation: Formation, leader: SpeedRange, design: Autopilot)
     slowest = formation.min_along_track_speed_m_s
     fastest = min(formation.max_speed_m_s, top_speed(design))
     if needs_way(design):
-        slowest = max(slowest, STATION_WAY)
+        slowest = max(slowest, MIN_STATION_SPEED)
     return SpeedRange(min(slowest, leader.fastest), max(fastest, leader.slowest), leader.mean)
 
 

@@ -26,9 +26,10 @@ from sim.trajectory import Trajectory
 from sim.water.assembly import floor_of
 
 SLIP_M_SQRT_S = 0.007
-"""Motion of a physical vehicle that its log does not see, unless the scenario states how much
-[m/√s]: what the hydrophone moves aside of speed and heading in the waves of `following-sea`, over 1
-s; in calm water it costs little."""
+"""Random walk of the true position beside what speed log and compass tell, as navigators of
+scenarios with physics assume it unless the scenario states another [m/√s]: as far as the waves of
+the built-in scenario `following-sea` move the hydrophone in 1 s. In calm water estimates are hardly
+worse for it."""
 
 Kind = TypeVar("Kind", bound=Settings)
 
@@ -136,7 +137,7 @@ class FlightUnderWay(Protocol):
 
 def navigation_settings(scenario: Scenario, sites: Mapping[str, Floats], follower: int) -> Settings:
     """Settings of a follower's navigator, by the scenario and the sites of all vehicles, as of
-    `Trajectory.sites`; LaisnError if it has none such.
+    `Trajectory.sites`; LaisnError if there is no such navigator, or it has no such settings.
     """
     sensing = SensingSettings.of(scenario.navigated_as(follower))
     link = navigated_link(sensing.links)
@@ -167,7 +168,8 @@ def settings_of(
     if height is None:
         height = _hydrophone_height(sites, name)
     positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
-    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    assumed_sound_speed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    # in the leader's hull, with heights from its pressure sensor, by which its depth is broadcast
     above_sensor = positions - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
     # the leader's transmitters are those on its hull, unless the scenario has others
     values: dict[str, Any] = {
@@ -176,7 +178,7 @@ def settings_of(
         "hydrophone_height": float(height),
         "use_attitude": navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
-        "sound_slowness": 1.0 / assumed if sound.travel_time else 0.0,
+        "sound_slowness": 1.0 / assumed_sound_speed if sound.travel_time else 0.0,
         "floor_depth": floor_of(sensing.sound.sea).deepest,
         "slip": SLIP_M_SQRT_S if sensing.kind == "physics" else 0.0,
     }
@@ -187,7 +189,7 @@ def settings_of(
         }
     elif not values["transmitter_offsets"]:
         values["transmitter_offsets"] = tuple(tuple(site) for site in above_sensor.tolist())
-    return navigation.settings(values, assumed)
+    return navigation.settings(values, assumed_sound_speed)
 
 
 def settings_as(

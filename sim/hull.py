@@ -26,8 +26,8 @@ HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depend
     "trim",
     "excess_buoyancy_n",
 )
-# least speed through the water of followers on stations whose fins need way [m/s]
-STATION_WAY = 1.2 * MIN_STEERAGE_SPEED
+# least speed through the water of followers on stations that `needs_way` [m/s]
+MIN_STATION_SPEED = 1.2 * MIN_STEERAGE_SPEED
 
 
 class Hull(NamedTuple):
@@ -58,8 +58,8 @@ def hull_of(motion: MotionSettings, vehicle: Vehicle) -> Hull:
 
 @lru_cache(maxsize=8)
 def calm_plant(hull: Hull) -> tuple[Plant, Any]:
-    """A vehicle alone in calm water, as a plant named "hull" that is not settled, and its
-    autopilot's records.
+    """A vehicle alone in calm water, as a plant with the vehicle "hull" that cannot be
+    stepped (`settled` of `Plant`), and the design of its autopilot, records of shape (1,).
     """
     settings = hull.settings
     setup = VehicleSetup(
@@ -71,7 +71,9 @@ def calm_plant(hull: Hull) -> tuple[Plant, Any]:
 
 
 def needs_way(autopilot: Autopilot) -> bool:
-    """Whether a vehicle cannot hover: fins alone, at an angle to the flow, hold its depth."""
+    """Whether a vehicle needs steerage way, for it cannot hover: fins alone, at an angle to the
+    flow, hold its depth.
+    """
     return bool(not autopilot["has_heave"] and autopilot["effectors"]["lift_area"].any())
 
 
@@ -83,5 +85,5 @@ def limits_of(hull: Hull) -> HullLimits:
     return HullLimits(
         least_radius(plant, 0, autopilot),
         top_speed(autopilot),
-        STATION_WAY if needs_way(autopilot) else 0.0,
+        MIN_STATION_SPEED if needs_way(autopilot) else 0.0,
     )

@@ -87,9 +87,13 @@ class LeaderUnit:
         self._dt = sensing.links.filter_step_s
         self._stride = round(self._dt / CONTROL_STEP_S)
         self._errors = sensors.leader_errors_of(sensing)
-        self._address = noise.Address(*noise.seed_and_run(sensing.seed, sensing.run), LEADER, 0)
+        # noise of the leader is the same in all addresses of one link; this is the main one
+        self._address = noise.Address(
+            *noise.seed_and_run(sensing.seed, sensing.run), follower=0, step=0
+        )
         self._routes = routes
-        self._number = fleet.followers
+        # the leader's number among receivers, after the followers
+        self._receiver_number = fleet.followers
         self._receivers = [r for r in receivers.values() if LEADER in r.link.receivers]
         hydrophone = fleet.hydrophones[-1]
         if self._receivers and not np.isfinite(hydrophone).all():
@@ -101,6 +105,7 @@ class LeaderUnit:
         self._hydrophone = np.nan_to_num(hydrophone)
         self.reading: Any = records(READING, 1)
         self.estimate: Any = records(ESTIMATE, 1)
+        # what steering by the estimate remembers
         self._memory = records(steering.FOLLOWER_MEMORY, 1)
         self._memory[0].log = self._memory[0].compass = np.nan
         self._memory[0].by_thrust = routes.autopilot_designs[LEADER]["by_pitch"] == 0.0
@@ -112,7 +117,7 @@ class LeaderUnit:
             sensors.leader_custom_sensors(sensing),
             Carrier(
                 vehicle=LEADER,
-                receiver=self._number,
+                receiver=self._receiver_number,
                 noise_number=noise.LEADER_NUMBER,
                 hydrophone=self._hydrophone,
                 depth_sensor=self._depth_sensor,
@@ -124,10 +129,12 @@ class LeaderUnit:
         """Readings of further sensors at the last filter step by their names."""
         at_start = static_trajectory(plant)
         start = leader_start(at_start, self._hydrophone)
+        # the navigator; None: the leader knows the truth
         self.swarm: SeparateNavigators | None = None
+        # whether it keeps to its route by its estimate
         self._by_estimate = leader.guidance_position == "estimate"
-        self._takes_current = False
-        self._taken_links: tuple[str, ...] = ()
+        self._estimates_current = False
+        self._taken_links: tuple[str, ...] = ()  # further links on which it navigates
         if leader.navigation is not None:
             navigation = leader.navigation
             self._taken_links = navigation.further_links
@@ -138,9 +145,11 @@ class LeaderUnit:
             spec = find(navigation.variant)
             self.swarm = SeparateNavigators(spec.make, settings, start[None])
             self.estimate.position[0] = start[:2] if settings.known_start else np.nan
-            self._takes_current = "current" in settings.estimated
+            self._estimates_current = "current" in settings.estimated
+        # states and covariances of the navigator at filter steps
         self.concluded = SwarmRecord.empty(1, steps, 0, Estimates, whole=False)
         self.concluded = self.concluded._replace(covariance=np.full((1, steps, 4, 4), np.nan))
+        # how many filter steps are over, shape (1,): an array, which `sender` shares
         self.steps = np.zeros(1, dtype=np.int64)
         self.sender = Sender(
             readings=self._measured.own[0],
@@ -161,15 +170,17 @@ class LeaderUnit:
         return main, [*by_name.values()]
 
     def receptions(self) -> tuple[Reception | None, dict[str, Reception]]:
-        """What is in at this filter step: of the main link, and of all others by name."""
+        """What was received by this filter step and not before: on the main link, or None, and on
+        the others by name.
+        """
         further_receptions = {}
         for receiver in self._further_receivers:
-            reception = receiver.reception(self._number, self.latest_custom)
+            reception = receiver.reception(self._receiver_number, self.latest_custom)
             if reception is not None:
                 further_receptions[receiver.name] = reception
         main = None
         if self._main_receiver is not None:
-            main = self._main_receiver.reception(self._number, self.latest_custom)
+            main = self._main_receiver.reception(self._receiver_number, self.latest_custom)
         return main, further_receptions
 
     def advance(self, k: int, truth: StateHistory) -> None:
@@ -186,7 +197,7 @@ class LeaderUnit:
                 self._errors, self._address._replace(step=step), instant, self.reading[0]
             )
             for receiver in self._receivers:
-                receiver.receive(k, [self._number])
+                receiver.receive(k, [self._receiver_number])
             if step > 0:
                 row = self.reading[0]
                 self._measured.own[0, step - 1] = row.speed, row.heading, row.depth
@@ -217,8 +228,8 @@ class LeaderUnit:
         self.swarm.advance(0, step, self.reading[0], main, self.estimate, self.concluded)
 
     def steer(self, k: int) -> None:
-        """Write the leader's command from instant k on, unless it comes from outside or the leader
-        keeps to its route by the truth.
+        """Write the leader's command from instant k on, unless the caller of the simulation gives
+        it or the leader keeps to its route by the truth.
         """
         if self._routes.commanded_from_outside[LEADER]:
             return
@@ -234,7 +245,7 @@ class LeaderUnit:
         elif self._by_estimate:
             senses = steering.Senses(self.reading[0], self.estimate[0])
             memory = self._memory[0]
-            current = self._takes_current
+            current = self._estimates_current
             follow_route(k, LEADER, senses, memory, self._routes, self._stride, current)
 
     def record(self, steps: range) -> VehicleRecord:
@@ -250,7 +261,7 @@ class LeaderUnit:
 
     def _record_until(self, steps: int) -> VehicleRecord:
         """The same of the first steps."""
-        number = self._number
+        number = self._receiver_number
         links = {
             receiver.name: receiver.messages(number, steps) for receiver in self._further_receivers
         }

@@ -38,6 +38,7 @@ TIME, EAST, NORTH, DEPTH, POSITION_SIGMA = (
     LeaderMessage._fields.index(name)
     for name in ("timestamp", "east", "north", "depth", "position_sigma")
 )
+"""Columns of a message as a row of numbers."""
 
 
 class Hearing(NamedTuple):
@@ -131,6 +132,7 @@ class Receiver:
             sensing, link, leader_receives=leader, sensing_of=fleet.navigated
         )
         steps = (fleet.instants - 1) // sensors.stride
+        # NaN makes pitch and roll of messages NaN: not broadcast
         tilt = 0.0 if fleet.attitude_broadcast else np.nan
         self.link = link
         self.receives = [receiver_number(v, fleet.followers) for v in link.receivers]
@@ -145,9 +147,9 @@ class Receiver:
             measured=observation.MeasurementRecord.empty(receivers, steps, link.every),
             places=link.places,
         )
-        self._models = [sensors] * receivers
+        self._sensor_models = [sensors] * receivers
         if leader:
-            self._models[-1] = sensors._replace(
+            self._sensor_models[-1] = sensors._replace(
                 sound=_sound_of_leader(sensing, sensors.sound, link)
             )
         self.sender: Sender | None = None
@@ -156,6 +158,7 @@ class Receiver:
         """Of the sender's further sensors, where messages hold any."""
         self.content: list[dict[str, Floats]] = [{} for _ in range(receivers)]
         """Readings of further sensors in the last message of each receiver."""
+        # the same of all messages of each receiver, in order
         self._contents: list[list[dict[str, Floats]]] = [[] for _ in range(receivers)]
         self.round_trip: Floats = np.full(receivers, np.nan)
         """As of `Reception`, of the last message of each receiver [s]."""
@@ -191,7 +194,7 @@ class Receiver:
             return False
         motion_so_far = Motion(hearing.motion, 0.0, k)
         observation.receive(
-            self._models[i], step, i, hearing.sites, motion_so_far, hearing.tilts, inbox
+            self._sensor_models[i], step, i, hearing.sites, motion_so_far, hearing.tilts, inbox
         )
         return bool(inbox.outcome[i] != observation.NO_MESSAGE)
 
@@ -212,8 +215,8 @@ class Receiver:
         inbox.ranges[i, self.link.transmitters :] = np.nan
         self.content[i] = {}
         if self.readings_of is not None:
-            emission = math.floor(sent_time / dt + 1e-6)
-            readings = self.readings_of(self.link.sender, emission)
+            emission_step = math.floor(sent_time / dt + 1e-6)
+            readings = self.readings_of(self.link.sender, emission_step)
             nothing_received = np.full(0, np.nan)
             self.content[i] = {
                 name: readings.get(name, nothing_received) for name in self.link.readings
@@ -276,9 +279,9 @@ def receiver_number(vehicle: int, followers: int) -> int:
 class _Request(NamedTuple):
     """A message that is to be answered."""
 
-    sent_time: float  # [s]
+    sent_time: float  # when it left [s]
     arrival: float  # of its rear ping by the direct path [s]
-    detection: float  # error of that arrival as it is measured [s]
+    detection_error: float  # error of that arrival as it is measured [s]
 
 
 def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
@@ -294,55 +297,58 @@ def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
     motion = Motion(requests.motion, 0.0, k)
     _, pings = follow(s.sound, motion, requests.sites.transmitters.tolist(), listener, sent_time)
     direct = pings[0][1][Path.DIRECT]
-    true = direct.length * direct.ratio + direct.clock_range
-    return _Request(sent_time, direct.time, (inbox.ranges[i, 0] - true) / s.sound.assumed_speed)
+    true_range = direct.length * direct.ratio + direct.clock_range
+    return _Request(
+        sent_time, direct.time, (inbox.ranges[i, 0] - true_range) / s.sound.assumed_speed
+    )
 
 
 class _Answer(NamedTuple):
     """An answer under way."""
 
-    leaves: float  # [s]
-    request: float  # when the message left that is answered [s]
-    detection: float  # as of `_Request`
+    sent_time: float  # when it leaves [s]
+    request_sent_time: float  # when the message left that is answered [s]
+    detection_error: float  # as of `_Request`
 
 
 class AnswerReceiver(Receiver):
     """What receivers have received of a vehicle that answers the messages of another link.
 
-    The answer leaves a constant time after the request's rear ping has come by the direct path. Who
-    has sent the request measures the round trip: of both detections of a ping it has the errors
-    that ranges have.
+    The answer leaves a constant time after the request's rear ping has come by the direct path. The
+    vehicle that has sent the request measures the round trip, with the error of a range in each of
+    the two detections of a ping.
     """
 
     def __init__(self, sensing: SensingSettings, link: Link, fleet: Fleet, requester: int) -> None:
         """Nothing is answered yet; `requester` is the vehicle that sends the requests."""
         super().__init__(sensing, link, fleet)
         self._requester = receiver_number(requester, fleet.followers)
-        self._answers = receiver_number(link.sender, fleet.followers)
+        self._responder = receiver_number(link.sender, fleet.followers)
         # a round trip is measured by one clock: what clocks add to ranges is added to these alone
-        self._clocks = [(m.sound.clock_offset, m.sound.clock_drift) for m in self._models]
-        self._models = [
+        self._clocks = [(m.sound.clock_offset, m.sound.clock_drift) for m in self._sensor_models]
+        self._sensor_models = [
             m._replace(sound=m.sound._replace(clock_offset=0.0, clock_drift=0.0))
-            for m in self._models
+            for m in self._sensor_models
         ]
         self._under_way: list[_Answer] = []
+        # by receiver: which of these it receives next, when the last one left, and all round trips
         self._next_answer: Ints = np.zeros(len(self.content), dtype=np.int64)
-        self._leaves: Floats = np.zeros(len(self.content))
-        self._trips: list[list[float]] = [[] for _ in self.content]
+        self._sent_times: Floats = np.zeros(len(self.content))
+        self._measured_round_trips: list[list[float]] = [[] for _ in self.content]
 
     def sent_time(self, i: int) -> float:
         """When the last answer to a receiver left [s]."""
-        return float(self._leaves[i])
+        return float(self._sent_times[i])
 
     def take_request(self, k: int, requests: Hearing) -> None:
-        """Answer a request that has come to the sender of the answers at instant k, a filter step,
-        by what is received on its link.
+        """Answer a request that has come to the sender of the answers at instant k, a filter step;
+        `requests` is what is received on the link of the requests.
         """
-        request = _request_arrival(requests, self._answers, k)
+        request = _request_arrival(requests, self._responder, k)
         if request is None:
             return
-        leaves = request.arrival + self.link.delay
-        self._under_way.append(_Answer(leaves, request.sent_time, request.detection))
+        sent_time = request.arrival + self.link.delay
+        self._under_way.append(_Answer(sent_time, request.sent_time, request.detection_error))
 
     def _poll(self, step: int, k: int, i: int) -> bool:
         waiting = int(self._next_answer[i])
@@ -352,12 +358,12 @@ class AnswerReceiver(Receiver):
         hearing = self.hearing
         s = hearing.sensors
         motion = Motion(hearing.motion, 0.0, k)
-        if answer.leaves > step * s.dt:
+        if answer.sent_time > step * s.dt:
             return False
         listener = listener_of(s, i, hearing.sites.hydrophones[i].tolist())
-        sound = self._models[i].sound
+        sound = self._sensor_models[i].sound
         complete, pings = follow(
-            sound, motion, hearing.sites.transmitters.tolist(), listener, answer.leaves
+            sound, motion, hearing.sites.transmitters.tolist(), listener, answer.sent_time
         )
         if reception_step(complete, s.dt) > step:
             return False
@@ -369,21 +375,21 @@ class AnswerReceiver(Receiver):
         self, answer: _Answer, pings: tuple[Ping, Ping, Ping], step: int, k: int, i: int
     ) -> None:
         hearing = self.hearing
-        s = self._models[i]
+        s = self._sensor_models[i]
         motion = Motion(hearing.motion, 0.0, k)
-        emission = math.floor(answer.leaves / s.dt + 1e-6)
+        emission_step = math.floor(answer.sent_time / s.dt + 1e-6)
         content = np.empty(len(LeaderMessage._fields))
-        true = np.empty((3, 3))
+        true = np.empty((3, 3))  # ranges by transmitter and `Path` [m]
         sender = observation.sender_at(
-            s, emission, emission * s.stride, hearing.motion, hearing.tilts
+            s, emission_step, emission_step * s.stride, hearing.motion, hearing.tilts
         )
         e = s.errors[i]
         observation.true_reception(s, e, sender, step, pings, content, true)
-        east, north, _ = site_at(s.sound.on_grid, motion, 0, (0.0, 0.0, 0.0), answer.leaves)
-        content[TIME] = answer.leaves
+        east, north, _ = site_at(s.sound.on_grid, motion, 0, (0.0, 0.0, 0.0), answer.sent_time)
+        content[TIME] = answer.sent_time
         content[EAST] = east
         content[NORTH] = north
-        address = Address(s.seed, s.run, int(s.noise_numbers[i]), emission)
+        address = Address(s.seed, s.run, int(s.noise_numbers[i]), emission_step)
         inbox = hearing.inbox
         observation.read_reception(
             e,
@@ -393,22 +399,22 @@ class AnswerReceiver(Receiver):
             inbox,
             i,
         )
-        self._leaves[i] = answer.leaves
+        self._sent_times[i] = answer.sent_time
         self.round_trip[i] = np.nan
         ranges = inbox.ranges[i]
         if i == self._requester:
             arrival = pings[0][1][Path.DIRECT].time
-            detection = (ranges[0] - true[0, Path.DIRECT]) / s.sound.assumed_speed
+            detection_error = (ranges[0] - true[0, Path.DIRECT]) / s.sound.assumed_speed
             # both pings may leave at the end of their messages
             waits = self.link.delay + 2.0 * s.sound.lead
-            measured = arrival - answer.request - waits
-            self.round_trip[i] = measured + answer.detection + detection
+            measured = arrival - answer.request_sent_time - waits
+            self.round_trip[i] = measured + answer.detection_error + detection_error
         offset, drift = self._clocks[i]
         for j, (_, arrivals) in enumerate(pings):
             time = arrivals[Path.DIRECT].time
             ranges[j] += s.sound.assumed_speed * (offset + drift * time)
         ranges[ranges <= 0.0] = np.nan
-        self._trips[i].append(float(self.round_trip[i]))
+        self._measured_round_trips[i].append(float(self.round_trip[i]))
 
     def _round_trips(self, i: int, messages: int) -> Floats | None:
-        return np.array(self._trips[i][:messages])
+        return np.array(self._measured_round_trips[i][:messages])

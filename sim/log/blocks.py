@@ -67,6 +67,7 @@ class BlockFile:
         )
 
     def _call(self, function: Callable[[], Any]) -> Any:
+        """Call the SDK in its thread, and wait for the result."""
         try:
             future = self._thread.submit(function)
         except RuntimeError:

@@ -14,7 +14,7 @@ from laisn.messages import Ranges
 from sim.log.order import steps_back
 
 TIMESTAMP = "leader_timestamp"
-_SOUND_M_S = 1500.0
+_SOUND_M_S = 1500.0  # typical speed of sound
 _MAX_STEPS = 20  # more steps back are no corrections of a clock
 _MAX_NAMED_GAPS = 5  # most gaps that are named
 _MIN_GAP_INTERVALS = 10.0  # shortest gap that is named [intervals between rows]
@@ -74,8 +74,10 @@ class _Crossing:
 
     before: int  # row
     after: int
-    clock_s: float  # what passed on the leader's clock; NaN without it
-    way_s: float  # what its way took at its speed; NaN if it turned or was slow
+    clock_s: float  # time that passed on the leader's clock between them; NaN without it
+    # time that the leader took from one position to the other at its speed; NaN if it turned or was
+    # slow
+    way_s: float
 
 
 def _crossing(recording: RecordedRows, row: int) -> _Crossing | None:
@@ -107,10 +109,10 @@ def _passed_ns(recording: RecordedRows, row: int, last: int) -> tuple[int, bool]
         return interval, False
     time = recording.time
     outside_step_ns = int(time[last] - time[crossing.before] + time[crossing.after] - time[row])
-    passed = round(1e9 * crossing.clock_s) - outside_step_ns
-    if passed <= 0:
+    passed_ns = round(1e9 * crossing.clock_s) - outside_step_ns
+    if passed_ns <= 0:
         return interval, True
-    return (passed if abs(passed - interval) > interval else interval), False
+    return (passed_ns if abs(passed_ns - interval) > interval else interval), False
 
 
 def _shift(recording: RecordedRows, row: int, shift_ns: int, leader_too: bool) -> None:
@@ -177,15 +179,15 @@ def _steps_forward(recording: RecordedRows, row: int, last: int) -> tuple[int, b
     if crossing is None:
         return None
     time = recording.time
-    gap = int(time[row] - time[last])
-    gap_ns = int(time[crossing.after] - time[crossing.before])
+    row_gap_ns = int(time[row] - time[last])
+    message_gap_ns = int(time[crossing.after] - time[crossing.before])
     clock_s = crossing.clock_s
-    if math.isfinite(clock_s) and 0.0 < clock_s < 0.5e-9 * gap_ns:
-        passed = round(1e9 * clock_s) - (gap_ns - gap)
-        return max(passed, recording.interval_ns), False
-    if crossing.way_s < 0.5e-9 * gap_ns:
-        passed = round(1e9 * crossing.way_s) - (gap_ns - gap)
-        return max(passed, recording.interval_ns), math.isfinite(clock_s)
+    if math.isfinite(clock_s) and 0.0 < clock_s < 0.5e-9 * message_gap_ns:
+        passed_ns = round(1e9 * clock_s) - (message_gap_ns - row_gap_ns)
+        return max(passed_ns, recording.interval_ns), False
+    if crossing.way_s < 0.5e-9 * message_gap_ns:
+        passed_ns = round(1e9 * crossing.way_s) - (message_gap_ns - row_gap_ns)
+        return max(passed_ns, recording.interval_ns), math.isfinite(clock_s)
     return None
 
 

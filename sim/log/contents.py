@@ -434,6 +434,7 @@ class _Copy:
             Schema: {record.id: record for record in summary.of(Schema)},
             Channel: {record.id: record for record in summary.of(Channel)},
         }
+        # messages of one time that are not yet written, for a gap may follow within them
         self._instant = list[Message]()
         self.metadata = dict[str, dict[str, str]]()
         self.times_ns = array("Q")

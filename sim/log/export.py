@@ -19,7 +19,7 @@ from sim.system import atomic_write
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
 _UNSIGNED = (FieldDescriptor.CPPTYPE_UINT32, FieldDescriptor.CPPTYPE_UINT64)
 _TIMELINE = "mission"
-_LINE_M = 0.03
+_LINE_M = 0.03  # radius of lines
 _SCENES = ("/scene/hulls", "/scene/vehicles", "/scene/acoustics")
 
 
@@ -205,11 +205,11 @@ def write_recording(log_path: Path, path: Path) -> Path:
             name = topic.split("/")[1]
             index = [rr.TimeColumn(_TIMELINE, duration=(messages.time_ns - start_ns) / 1e9)]
             if topic.endswith("/pose"):
-                xyz, turn = np.split(
+                xyz, xyzw = np.split(
                     log.require(topic, POSE_FIELDS).table(POSE_FIELDS), [3], axis=1
                 )
                 entity = f"world/{name}"
-                columns = rr.Transform3D.columns(translation=xyz, quaternion=turn)
+                columns = rr.Transform3D.columns(translation=xyz, quaternion=xyzw)
             else:
                 error = log.require(topic, ERROR.fields).table(ERROR.fields[:1])
                 entity = f"errors/{name}/E_P"

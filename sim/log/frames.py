@@ -63,7 +63,7 @@ _READERS: dict[int, Callable[[ReadDataStream], Any]] = {
 }
 _KINDS = frozenset(int(kind) for kind in Opcode)
 
-Bytes = bytes | mmap.mmap
+FileBytes = bytes | mmap.mmap  # of a whole file, in memory or mapped
 
 
 def parsed(kind: int, content: bytes) -> McapRecord | None:
@@ -172,7 +172,7 @@ class SummarySection:
         return sorted(begins)
 
 
-def _summary_at(data: Bytes, start: int, footer: Footer) -> list[McapRecord]:
+def _summary_at(data: FileBytes, start: int, footer: Footer) -> list[McapRecord]:
     """Records of a summary that begins at a byte; none if its checksum does not match."""
     footer_at = len(data) - _FOOTER_BYTES
     if not 0 < start <= footer_at:
@@ -183,7 +183,7 @@ def _summary_at(data: Bytes, start: int, footer: Footer) -> list[McapRecord]:
     return [record for record in _parsed_records(data[start:footer_at]) if record is not None]
 
 
-def summary_of(data: Bytes) -> SummarySection:
+def summary_of(data: FileBytes) -> SummarySection:
     """The summary of a file, if it is intact.
 
     Where bytes before it were lost or added, it is not where the footer has it: it is looked for
@@ -216,7 +216,7 @@ def _parsed_records(data: bytes) -> Iterator[McapRecord | None]:
         offset += _HEAD.size + length
 
 
-def _is_chunk_at(data: Bytes, offset: int) -> bool:
+def _is_chunk_at(data: FileBytes, offset: int) -> bool:
     """Whether a chunk of consistent lengths begins at a byte."""
     if offset < 0 or offset + _HEAD.size + _CHUNK_FIELD_BYTES > len(data):
         return False
@@ -231,7 +231,7 @@ def _is_chunk_at(data: Bytes, offset: int) -> bool:
     return bool(_CHUNK_FIELD_BYTES + name_length + data_length == length)
 
 
-def _next_record(data: Bytes, after: int, summary: SummarySection) -> int | None:
+def _next_record(data: FileBytes, after: int, summary: SummarySection) -> int | None:
     """Byte of the next record that can be found behind a broken one."""
     indexed = next((offset for offset in summary.offsets if offset > after), None)
     limit = len(data) if indexed is None else min(len(data), indexed + _COMPRESSION_AT)
@@ -250,7 +250,7 @@ class _Frame:
     content: bytes
 
 
-def _frame(data: Bytes, offset: int) -> _Frame | str:
+def _frame(data: FileBytes, offset: int) -> _Frame | str:
     """The frame that begins at a byte, or why there is none."""
     if offset + _HEAD.size > len(data):
         return "the file ends within a record"
@@ -265,7 +265,7 @@ def _frame(data: Bytes, offset: int) -> _Frame | str:
     return _Frame(offset, end, kind, data[offset + _HEAD.size : end])
 
 
-def _checksum(data: Bytes, end: int) -> int:
+def _checksum(data: FileBytes, end: int) -> int:
     """CRC-32 of the first `end` bytes."""
     crc = 0
     for begin in range(0, end, _BLOCK):
@@ -280,7 +280,7 @@ class Salvage:
     `max_size` is what all chunks may decompress to [bytes].
     """
 
-    def __init__(self, data: Bytes, max_size: int) -> None:
+    def __init__(self, data: FileBytes, max_size: int) -> None:
         self.summary = summary_of(data)
         self._data = data
         self._bytes_left = max_size

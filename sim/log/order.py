@@ -4,17 +4,17 @@ import numpy as np
 
 from laisn.arrays import Ints
 
-_FREE = 2.0 / 3.0  # least distance of a late time from others [intervals]
-_AHEAD = 10.0  # how much earlier than all others a late time may be [intervals]
+_MIN_LATE_DISTANCE = 2.0 / 3.0  # least distance of a late time from others [intervals]
+_MAX_LATE_LEAD = 10.0  # how much earlier than all others a late time may be [intervals]
 
 
 def _late(times: Ints, first: int, interval: float) -> int:
-    """How many times from `first` on only fill a gap that was left before them; 0 if they are
-    recorded times again.
+    """How many times from `first` on are those of late messages, which fill a gap that was left
+    before; 0 if the clock stepped back, so that times that were recorded come again.
     """
     before = np.sort(times[:first])
-    steps_back = times[first:] < before[-1]
-    number = int(np.argmin(steps_back)) if not steps_back.all() else steps_back.size
+    is_earlier = times[first:] < before[-1]
+    number = int(np.argmin(is_earlier)) if not is_earlier.all() else is_earlier.size
     late_times = times[first : first + number]
     indices = np.searchsorted(before, late_times)
     distance = np.minimum(
@@ -22,8 +22,8 @@ def _late(times: Ints, first: int, interval: float) -> int:
         np.abs(before[np.minimum(indices, before.size - 1)] - late_times),
     )
     # times recorded again lie within half an interval of those before, or before the recording
-    are_recorded = np.any(distance < _FREE * interval)
-    return 0 if are_recorded or late_times.min() < before[0] - _AHEAD * interval else number
+    are_recorded = np.any(distance < _MIN_LATE_DISTANCE * interval)
+    return 0 if are_recorded or late_times.min() < before[0] - _MAX_LATE_LEAD * interval else number
 
 
 def steps_back(times: Ints, interval: float) -> list[int]:

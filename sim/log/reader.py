@@ -57,7 +57,7 @@ _OWN, _RECEIVED = MEASURED
 LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unless requested [s]
 _MIN_GAP_STEPS = 2.0  # shortest gap [filter steps]
 _MAX_NAMED_GAPS = 5  # most gaps that are named
-_SOUND_M_S = 1500.0
+_SOUND_M_S = 1500.0  # typical speed of sound
 # ages of messages that are neither noise nor of another clock [s]
 _MIN_DELAY_S = 0.1
 _MAX_DELAY_S = 60.0
@@ -264,6 +264,7 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
     """The truth at these times, shape (n,), [ns]."""
     table = json.loads(log.attachments[VEHICLES])
     vehicles = list[dict[str, Any]]()
+    # as of `Trajectory`, shape (v, m, 3)
     force = np.reshape(table["effector_force"], (len(table["names"]), -1, 3))
     for name, effectors in zip(
         table["names"], table["effector_names"] or [()] * len(force), strict=True
@@ -487,23 +488,25 @@ def _late_receptions(
     ]
 
 
-def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: float) -> list[str]:
+def _gaps(
+    path: Path, topic: str, time_ns: Ints, spacing_ns: Ints, longest_gap_s: float
+) -> list[str]:
     """Remarks on gaps; LogError if one is too long."""
-    longest_step = _MIN_GAP_STEPS * float(np.median(spacing))
-    gaps = np.flatnonzero(spacing > longest_step)
-    largest_gaps = gaps[np.argsort(-spacing[gaps], kind="stable")][:_MAX_NAMED_GAPS]
+    longest_step_ns = _MIN_GAP_STEPS * float(np.median(spacing_ns))
+    gaps = np.flatnonzero(spacing_ns > longest_step_ns)
+    largest_gaps = gaps[np.argsort(-spacing_ns[gaps], kind="stable")][:_MAX_NAMED_GAPS]
     begin = time_ns[largest_gaps] - time_ns[0]
     number = _count(gaps.size, "gap")
     places = ", ".join(
         f"{s / 1e9:.3g} s at {b / 1e9:.3f} s"
-        for s, b in zip(spacing[largest_gaps], begin, strict=True)
+        for s, b in zip(spacing_ns[largest_gaps], begin, strict=True)
     )
     places += (
         f" and {gaps.size - largest_gaps.size} shorter ones"
         if gaps.size > largest_gaps.size
         else ""
     )
-    if spacing.max() / 1e9 > max(longest_gap_s, longest_step / 1e9):
+    if spacing_ns.max() / 1e9 > max(longest_gap_s, longest_step_ns / 1e9):
         raise LogError(
             f"{path}: {topic} has {number} ({places}); gaps of up to {longest_gap_s:g} s are "
             "bridged. Cut the log there, or allow longer ones: --longest-gap SECONDS"
@@ -511,13 +514,13 @@ def _gaps(path: Path, topic: str, time_ns: Ints, spacing: Ints, longest_gap_s: f
     return [f"{number} in {topic} bridged: {places}"] if gaps.size else []
 
 
-# delays of messages that differ by less are those of one clock; and where they also are at most so
-# long, it is the log's clock [s]
+# where log times less timestamps of messages differ among themselves by less than this, both clocks
+# go alike; where they also are at most so long, they are delays by one and the same clock [s]
 _SAME_CLOCK_S = 10.0
 
 
 def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
-    """Times of messages since the start, shape (m,), [s], as navigators count them.
+    """Timestamps of messages as times since the start, shape (m,), [s], as navigators count them.
 
     Those of another clock that goes as the log's does are moved by its offset, as if the message
     with the least delay had none; those of any other clock, and zeros, stay as they are.
@@ -544,18 +547,19 @@ def _holds_numbers(messages: Messages) -> bool:
     )
 
 
-def _at_steps(time_ns: Ints, at_ns: Ints, numbers: Floats) -> Floats:
-    """Numbers of messages at the filter steps that end at or after them, the last of several; NaN
-    at steps without one.
+def _at_steps(steps_ns: Ints, message_ns: Ints, numbers: Floats) -> Floats:
+    """Numbers of messages at the first filter steps that end at or after them, the last of several;
+    NaN at steps without one.
     """
-    rows = np.full((time_ns.size, numbers.shape[1]), np.nan)
-    step = np.searchsorted(time_ns, at_ns)
-    exists = step < time_ns.size
+    rows = np.full((steps_ns.size, numbers.shape[1]), np.nan)
+    step = np.searchsorted(steps_ns, message_ns)
+    exists = step < steps_ns.size
     rows[step[exists]] = numbers[exists]
     return rows
 
 
 def _last_of_equals(values: Ints) -> Bools:
+    """Which of values in rising order are the last of those that are equal, shape (n,)."""
     return np.append(np.diff(values) > 0, True)[: values.size]
 
 

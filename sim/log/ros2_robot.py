@@ -36,9 +36,9 @@ class RobotShape(NamedTuple):
 
 def roll_pitch_yaw(turn: Floats) -> tuple[float, float, float]:
     """Angles of a rotation matrix about the fixed axes x, y and z in this order [rad]."""
-    level = math.hypot(turn[0, 0], turn[1, 0])
-    pitch = math.atan2(-turn[2, 0], level)
-    if level < 1e-9:
+    cos_pitch = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], cos_pitch)
+    if cos_pitch < 1e-9:
         # roll and yaw turn about the same axis, and roll is taken for zero
         return 0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])
     return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])
@@ -51,7 +51,7 @@ def _profile(points: Floats, axis: int) -> tuple[Floats, Floats]:
     coordinate = np.round(points[:, axis], 6)
     radius = np.hypot(*np.delete(points, axis, axis=1).T)
     places = np.unique(coordinate)
-    return places, np.array([radius[coordinate == station].max() for station in places])
+    return places, np.array([radius[coordinate == place].max() for place in places])
 
 
 def _discs(places: Floats, radii: Floats) -> Iterator[tuple[float, float, float]]:

@@ -25,10 +25,10 @@ from sim.vehicle.mjcf import spec_of
 Draw = Callable[[int, int], fg.SceneUpdate]
 """Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
-TRAIL_S = 100  # length of trails
+TRAIL_S = 100  # length of trails, also in points of trajectories a second apart
 _TRAIL_POINTS = 500  # of all trails together, beyond which they have fewer than one a second
-_LONGEST_STEP_S = 10
-_CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a Rayleigh distribution
+_LONGEST_STEP_S = 10  # most time from one point of a trail to the next
+_CONFIDENCE = math.sqrt(-2.0 * math.log(0.05))  # half axes of 95 % ellipses [standard deviations]
 _DISC_M = 0.02  # thickness of discs and ellipses
 _FIX_M = 0.4  # diameter of a fix
 
@@ -74,18 +74,18 @@ def hull(model: mujoco.MjModel) -> dict[str, list[Any]]:
     for geom in range(model.ngeom):
         kind = kinds(model.geom_type[geom])
         material = model.geom_matid[geom]
-        turn = model.geom_quat[geom]
+        wxyz = model.geom_quat[geom]
         position = model.geom_pos[geom]
         size = (2 * model.geom_size[geom]).tolist()
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         color = fg.Color(**dict(zip("rgba", rgba.tolist(), strict=True)))
-        geom_pose = pose(position.tolist(), turn.tolist())
+        geom_pose = pose(position.tolist(), wxyz.tolist())
         width, length, _ = size
         if kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
             parts["cylinders"].append(_cylinder(geom_pose, (width, width, length), color))
         if kind == kinds.mjGEOM_CAPSULE:
             end = np.zeros(3)
-            mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, length / 2]), turn)
+            mujoco.mju_rotVecQuat(end, np.array([0.0, 0.0, length / 2]), wxyz)
             ends = [pose(p.tolist()) for p in (position - end, position + end)]
             parts["spheres"] += [_sphere(end_pose, [width] * 3, color) for end_pose in ends]
         elif kind == kinds.mjGEOM_BOX:
@@ -197,7 +197,9 @@ def draw_vehicles(flight: FlightRecord, index: Ints) -> Draw:
     begin = round(float(flight.trajectory.time[index[0]])) if index.size else 0
 
     def recent(points: list[fg.Point3], last: int, omitted: int = 0) -> list[fg.Point3]:
-        """Points of a trail until `last`, which begins `omitted` so many."""
+        """Points of a trail until the point `last` of the mission; `points` lacks the first
+        `omitted`, before there was an estimate.
+        """
         first = max(omitted, last - TRAIL_S)
         first += -(begin + first) % step
         return [*points[first - omitted : last - omitted : step], points[last - omitted]]
@@ -256,10 +258,13 @@ def _ping(
     ends = []
     discs = []
     fixes = []
-    for transmitter, slant in zip(Ranges._fields, m.ranges[message].tolist(), strict=True):
-        if math.isfinite(slant) and (source := sites.get(f"leader/tx_{transmitter}")) is not None:
+    for transmitter, slant_range in zip(Ranges._fields, m.ranges[message].tolist(), strict=True):
+        if (
+            math.isfinite(slant_range)
+            and (source := sites.get(f"leader/tx_{transmitter}")) is not None
+        ):
             ends += _points([source, (x, y, z)])
-            squared = slant**2 - (source[2] - z) ** 2
+            squared = slant_range**2 - (source[2] - z) ** 2
             if squared > 0:
                 width = 2 * math.sqrt(squared)
                 discs.append(_cylinder(pose((*source[:2], z)), (width, width, _DISC_M), _RANGE))
@@ -285,12 +290,12 @@ def draw_acoustics(flight: FlightRecord, steps: Ints) -> Draw:
     """
     truth = flight.trajectory
     index = steps * flight.stride
-    ends = [
+    site_names = [
         name
         for name in truth.site_names
         if name.rpartition("/")[2].startswith(("tx_", "hydrophone"))
     ]
-    paths = {name: truth.site_path(name, index) for name in ends}
+    paths = {name: truth.site_path(name, index) for name in site_names}
     messages = [
         {step: i for i, step in enumerate(m.message_step.tolist())} for m in flight.measurements
     ]

@@ -192,8 +192,8 @@ POSE_FIELDS = (
 
 @cache
 def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
-    """True state of a vehicle with these effectors: the thrust of `thruster_main` is the field
-    `thrust_main`.
+    """True state of a vehicle with these effectors, whose states are fields `thrust_…`, in units as
+    of `Trajectory.thrust`: the thrust of `thruster_main` is `thrust_main`.
     """
     return RecordType(
         # vehicles of one log may differ in their effectors
@@ -214,7 +214,7 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
 
 
 FIXED = ("names", "effector_names", "effector_force", "site_names", "site_vehicle", "site_offset")
-"""Arrays of a trajectory that are attached."""
+"""Arrays of a trajectory that do not change in a mission: a log has them as an attachment."""
 OWN_MOTION = RecordType(
     name="OwnMotion",
     topic="motion",
@@ -338,5 +338,8 @@ def header_of_text(text: str) -> SensorHeader:
 
 
 def estimated(kind: type) -> tuple[RecordType, ...]:
+    """Channels of estimates of this class: states, fixes, and the details that such navigators
+    log.
+    """
     types = (FILTER_STATE, FIX)
     return (*types, DETAILS[kind]) if kind in DETAILS else types
