@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind
 from laisn.fix import Pair, circles, pair_fix
-from laisn.geometry import Arms, Point, fore_offset, pitch_fix_error, turn, turned_cosine
+from laisn.geometry import Arms, Point, fore_offset, pitch_fix_error, sin_cos_of, turned_cosine
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, SideRule, Tuning
 from reports.figures import Line, Panel, error_bands, panel
@@ -34,7 +34,7 @@ _RING_BEARINGS = 36  # true places in the view from above
 _OFF_AXIS_DEG = 30.0  # bearings nearer to the leader's axis are left out of "off the axis"
 _PITCHES_DEG = (1.0, 2.0, 5.0, 10.0, 20.0)
 _ORIGIN = Point(0.0, 0.0)
-_LEVEL = turn(0.0)
+_LEVEL = sin_cos_of(0.0)
 _MIN_ERROR_M = 1e-3  # smallest error of the figures' scales
 
 
@@ -91,7 +91,7 @@ class PitchGeometry:
         The prediction is the true place, so that the fix is on the right side.
         """
         position = Point(self.distance * math.sin(bearing), self.distance * math.cos(bearing))
-        front = fore_offset(0.5 * self.baseline, _LEVEL, turn(pitch))
+        front = fore_offset(0.5 * self.baseline, _LEVEL, sin_cos_of(pitch))
         ranges = Ranges(
             self._range(position, front, -1.0), self._range(position, front, 1.0), float("nan")
         )

@@ -18,7 +18,7 @@ from laisn.arrays import Floats
 from laisn.compiled import formula
 from laisn.delays import leader_way
 from laisn.estimates import FixKind
-from laisn.geometry import Arms, Point, Turn, horizontal_range, turn
+from laisn.geometry import Arms, Point, SinCos, horizontal_range, sin_cos_of
 from laisn.messages import Ranges, Reception
 from laisn.settings import NavigationSettings, Tuning, Variant
 
@@ -84,7 +84,7 @@ def circles(origin: Point, arms: Arms, ranges: Ranges, depth_difference: float) 
 
 
 @formula
-def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
+def pair_fix(pair: Pair, heading: SinCos, predicted: Point, t: Tuning) -> Fix:
     """Fix of a pair (paper, Section 2.2 and Eq. 23); LOST if one of its ranges is missing.
 
     Of two intersections equally near to the prediction the one to port is taken. Where the circles
@@ -99,8 +99,8 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
     distinct = chord.distinct
     d = chord.distance
     # one transmitter upon the other: the axis is the hull's
-    east = chord.way.east if distinct else heading.sine
-    north = chord.way.north if distinct else heading.cosine
+    east = chord.direction.east if distinct else heading.sine
+    north = chord.direction.north if distinct else heading.cosine
     intersect = distinct and chord.half_squared > 0.0
     half_chord = math.sqrt(chord.half_squared if intersect else 0.0)
     separation = 2.0 * half_chord
@@ -127,8 +127,8 @@ def pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
 
 @formula
 def fix_variance(sigma: float, depth_difference: float, t: Tuning) -> float:
-    """Variance of a fix for the filter [m²]: σp above the floor, and Δz sin φ of the pitch that
-    is expected.
+    """Variance of a fix for the filter along each axis [m²]: of σp, at least its floor, and of
+    Δz sin φ of the pitch that is expected.
     """
     vertical = depth_difference * t.sine_of_pitch
     floored = t.sigma_floor if sigma < t.sigma_floor else sigma
@@ -161,7 +161,7 @@ class RangeCircles(NamedTuple):
     """
 
     circles: Circles
-    heading: Turn
+    heading: SinCos
     depth_difference: float  # Δz, depth of the hydrophone less that of the leader [m]
     # transmitters are on no leader's hull, so that the follower's side of them is unknown
     off_hull: bool = False
@@ -195,10 +195,10 @@ def to_circles(
     message = reception.message
     places = geometry.given_transmitters(reception, settings)
     hydrophone = own_depth - settings.hydrophone_height
-    heading = turn(message.heading)
+    heading = sin_cos_of(message.heading)
     depth_difference = hydrophone - message.depth
     if places is None:
-        pitch, roll = map(turn, geometry.broadcast_tilt(message, settings))
+        pitch, roll = map(sin_cos_of, geometry.broadcast_tilt(message, settings))
         arms = geometry.tilted_arms(settings.baseline, settings.middle_offset, heading, pitch, roll)
         circles_of_ranges = circles(
             Point(message.east, message.north), arms, reception.ranges, depth_difference
@@ -241,11 +241,12 @@ SEQUENTIAL: Variant = "laisn-3-1"
 """The variant that updates with one pair after the other (paper, Section 2.3.1)."""
 
 Pairs = tuple[Fix, Fix, Fix]
+"""The fix of each of the pairs (1, 2), (1, 3) and (2, 3)."""
 
 
 @formula
 def highest(pairs: Pairs, first: float, second: float, third: float) -> Fix:
-    """The pair with the highest score of three, the earlier one among equals."""
+    """The fix of the pair with the highest score of three, the earlier one among equals."""
     better = pairs[1] if second > first else pairs[0]
     score = second if second > first else first
     return pairs[2] if third > score else better

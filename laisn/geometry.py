@@ -39,8 +39,8 @@ class Point(NamedTuple):
     north: float
 
 
-class Turn(NamedTuple):
-    """Sine and cosine of an angle."""
+class SinCos(NamedTuple):
+    """Sine and cosine of an angle; of a heading, its unit vector east and north."""
 
     sine: float
     cosine: float
@@ -59,9 +59,9 @@ class Chord(NamedTuple):
     """Common chord of two circles, seen from the first centre on the way to the second."""
 
     distinct: bool  # the centres do not coincide
-    distance: float
-    way: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
-    offset: float  # of the common chord from the first centre, along the way, a [m]
+    distance: float  # of the centres [m]
+    direction: Point  # unit vector from the first centre to the second; (0, 0) if they coincide
+    offset: float  # of the common chord from the first centre, along that direction, a [m]
     # half its length, squared, h² [m²]: negative where circles do not meet, 0 where they touch
     half_squared: float
 
@@ -88,13 +88,13 @@ def angle_between(a: float, b: float) -> float:
 
 
 @formula
-def turn(angle: float) -> Turn:
+def sin_cos_of(angle: float) -> SinCos:
     """Sine and cosine."""
-    return Turn(math.sin(angle), math.cos(angle))
+    return SinCos(math.sin(angle), math.cos(angle))
 
 
 @formula
-def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
+def fore_offset(length: float, heading: SinCos, pitch: SinCos) -> Triple:
     """Offset (east, north, up) of a point so far forward on a hull's axis [m]."""
     return (
         length * heading.sine * pitch.cosine,
@@ -104,7 +104,7 @@ def fore_offset(length: float, heading: Turn, pitch: Turn) -> Triple:
 
 
 @formula
-def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
+def side_offset(width: float, heading: SinCos, pitch: SinCos, roll: SinCos) -> Triple:
     """Offset (east, north, up) of a point so far to port of a hull's origin [m]."""
     raised = width * roll.sine
     ahead = -raised * pitch.sine
@@ -116,7 +116,7 @@ def side_offset(width: float, heading: Turn, pitch: Turn, roll: Turn) -> Triple:
 
 @formula
 def tilted_arms(
-    baseline: float, middle_offset: float, heading: Turn, pitch: Turn, roll: Turn
+    baseline: float, middle_offset: float, heading: SinCos, pitch: SinCos, roll: SinCos
 ) -> Arms:
     """Transmitters of a leader (paper, Section 2.3 and Figure 1): half a baseline ahead, an
     offset to port.
@@ -134,7 +134,7 @@ def place_on_body(origin: Triple, attitude: Triple, offsets: Floats) -> Floats:
     (heading, pitch, roll) [rad]: turned to its heading, then pitched nose up, then rolled starboard
     down, about its own axes.
     """
-    heading, pitch, roll = map(turn, attitude)
+    heading, pitch, roll = map(sin_cos_of, attitude)
     forward = np.array(fore_offset(1.0, heading, pitch))
     port = np.array(side_offset(1.0, heading, pitch, roll))
     rotated = offsets @ np.stack([forward, port, np.cross(forward, port)])
@@ -234,8 +234,8 @@ def turned_cosine(
     distance: npt.ArrayLike,
     bearing: npt.ArrayLike,
 ) -> Floats:
-    """cos B̂ of a fix that the leader's pitch turns about the leader; beyond ±1 where the
-    circles do not meet.
+    """Cosine of the bearing B̂ of the fix that is made where a pitched leader is taken for level;
+    beyond ±1 where the circles do not meet. Arguments as of `pitch_fix_error`.
     """
     lever = np.divide(depth_offset, distance) * np.sin(pitch)
     return np.asarray(np.cos(bearing) * np.cos(pitch) - lever)
@@ -247,8 +247,11 @@ def pitch_fix_error(
     distance: npt.ArrayLike,
     bearing: npt.ArrayLike,
 ) -> Floats:
-    """Position error of a noiseless fix of LAISN-2 from the leader's pitch (docs/asymmetry.md),
-    [rad] and [m], of a follower so far below the leader, away from it and off its bow.
+    """Position error [m] of a noiseless fix of LAISN-2 by the leader's `pitch` [rad]
+    (docs/asymmetry.md).
+
+    The follower is `depth_offset` below the leader and at a horizontal `distance` from it [m], at
+    the `bearing` [rad] from its bow.
     """
     turn_angle = np.arccos(
         np.clip(turned_cosine(pitch, depth_offset, distance, bearing), -1.0, 1.0)

@@ -1,8 +1,9 @@
 """LAISN for a block of runs side by side, one in each lane: what `navigator` does for one follower.
 
-A block is rows of `LANES` doubles in one flat array, a lane for each run; passes address `block[ROW
-+ lane]`. Rows of one array provably do not overlap, so that passes become vector instructions. They
-compute the lanes that are in use, the first of each row.
+A block is rows of `LANES` doubles in one flat array, a lane for each run. A *pass* is a function
+that goes through a block lane by lane; passes address `block[ROW + lane]`. Rows of one array
+provably do not overlap, so that passes become vector instructions. They compute the lanes that are
+in use, the first of each row.
 Every lane takes every branch and selects; only what is the same for all runs (the variant) branches
 truly. After a measurement with covariance R, P S⁻¹ R stands for P − P S⁻¹ P, without cancellation;
 it equals the Joseph form.
@@ -30,7 +31,7 @@ from laisn.fix import (
     fix_variance,
     pair_fix,
 )
-from laisn.geometry import Point, Turn, is_singular, tilted_arms
+from laisn.geometry import Point, SinCos, is_singular, tilted_arms
 from laisn.messages import LeaderMessage, Measurements, Ranges
 from laisn.navigator import (
     exceeds_gate,
@@ -250,7 +251,8 @@ def speed_update(block: Floats, t: Tuning) -> None:
         ixx = syy * per_det
         ixy = -sxy * per_det
         iyy = sxx * per_det
-        # K = [C; V] S⁻¹: row by state, column by component of the measurement
+        # K = [C; V] S⁻¹: row by state (x, y, u for vx, w for vy), column by component of the
+        # measurement
         k_xx, k_xy = cxx * ixx + cxy * ixy, cxx * ixy + cxy * iyy
         k_yx, k_yy = cyx * ixx + cyy * ixy, cyx * ixy + cyy * iyy
         k_ux, k_uy = vxx * ixx + vxy * ixy, vxx * ixy + vxy * iyy
@@ -343,6 +345,7 @@ def update_gate(block: Floats, k: int) -> None:
 
 
 Pass = Callable[[Floats, Tuning], None]
+"""A function that goes through a block lane by lane."""
 
 
 @inlined
@@ -361,9 +364,9 @@ def _circle_at(block: Floats, first: int, lane: int) -> Circle:
 def place_transmitters(block: Floats, t: Tuning) -> None:
     """Transmitters as the message places them, and the horizontal ranges to them."""
     for lane in range(in_use(block)):
-        heading = Turn(*sin_cos(block[LEADER_HEADING + lane]))
-        pitched = Turn(0.0, 1.0)
-        rolled = Turn(0.0, 1.0)
+        heading = SinCos(*sin_cos(block[LEADER_HEADING + lane]))
+        pitched = SinCos(0.0, 1.0)
+        rolled = SinCos(0.0, 1.0)
         block[LEADER_SIN + lane] = heading.sine
         block[LEADER_COS + lane] = heading.cosine
         depth_difference = (block[DEPTH + lane] - t.hydrophone_height) - block[LEADER_DEPTH + lane]
@@ -372,8 +375,8 @@ def place_transmitters(block: Floats, t: Tuning) -> None:
             pitch = block[PITCH + lane]
             roll = block[ROLL + lane]
             has_attitude = pitch == pitch and roll == roll
-            pitched = Turn(*sin_cos(pitch if has_attitude else 0.0))
-            rolled = Turn(*sin_cos(roll if has_attitude else 0.0))
+            pitched = SinCos(*sin_cos(pitch if has_attitude else 0.0))
+            rolled = SinCos(*sin_cos(roll if has_attitude else 0.0))
         arms = tilted_arms(t.baseline, t.middle_offset, heading, pitched, rolled)
         ranges = Ranges(block[R1 + lane], block[R2 + lane], block[R3 + lane])
         range_circles = circles(point_at(block, EAST, lane), arms, ranges, depth_difference)
@@ -391,7 +394,7 @@ def _fix_pair(rear: int, front: int, out: int, from_front: bool) -> Pass:
     def fix(block: Floats, t: Tuning) -> None:
         for lane in range(in_use(block)):
             pair = Pair(_circle_at(block, rear, lane), _circle_at(block, front, lane), from_front)
-            heading = Turn(block[LEADER_SIN + lane], block[LEADER_COS + lane])
+            heading = SinCos(block[LEADER_SIN + lane], block[LEADER_COS + lane])
             put_fix(block, out, lane, pair_fix(pair, heading, point_at(block, X, lane), t))
 
     return fix
@@ -410,8 +413,8 @@ def copy_fix(block: Floats, source: int, target: int) -> None:
 
 
 def _choice(otherwise: Pass, variant: Variant) -> Pass:
-    """Pass for the fix that a variant chooses, or else `otherwise`: compiled code cannot look up
-    functions.
+    """Pass for the fix that a variant chooses, or the pass `otherwise` where the settings have
+    another variant: compiled code cannot look up functions.
     """
     number = VARIANTS.index(variant)
     single_fix = CHOOSE_PAIR[variant]
@@ -525,8 +528,8 @@ def fix_rows(variant: float) -> tuple[int, int, int]:
 
 
 def stacked(missions: Sequence[Measurements]) -> tuple[Floats, Floats]:
-    """Rows SPEED to SIN and EAST to X1 of missions, the last one repeated: (n, 3 · LANES) and
-    (m, 10 · LANES).
+    """Rows from SPEED to before SIN at each step, shape (n, 3 · LANES), and from EAST to before X1
+    of each message, shape (m, 10 · LANES), of missions, the last of which is repeated.
     """
     filled = [missions[min(lane, len(missions) - 1)] for lane in range(LANES)]
     readings = np.stack(
@@ -543,7 +546,7 @@ class LaneSwarm(NamedTuple):
 
     block: Floats
     tuning: Tuning
-    gated: Ints
+    gated: Ints  # fixes of each follower that were gated so far, shape (f,)
     prior: Floats  # rows of `_PRIOR` before each update of a message, shape (3, 5, LANES)
 
     @compiled_apart
@@ -579,10 +582,10 @@ class LaneSwarm(NamedTuple):
                     # a message without ranges has the same effect as none
                     block[R1 + j * LANES + lane] = ranges[i, j] if received[i] else np.nan
         advance(block, self.tuning, step, any_received, self.prior)
-        whole = record.covariance.shape[1] > 0
+        records_covariance = record.covariance.shape[1] > 0
         for i in range(readings.shape[0]):
             _record_state(block, i, step, record)
-            if whole and received[i]:
+            if records_covariance and received[i]:
                 _record_fixes(block, self.tuning, self.prior, i, step, record)
             position = estimates[i].position
             velocity = estimates[i].velocity

@@ -48,7 +48,7 @@ class OwnMotion(NamedTuple):
     """Readings of further sensors at this step by their names, shape (c,); NaN where one does not
     read."""
     receptions: Mapping[str, "Reception"] = MappingProxyType({})
-    """What is in of further links at this step by their names."""
+    """Messages of further links that become available at this step, by the links' names."""
 
 
 class Bearing(NamedTuple):

@@ -10,7 +10,7 @@ from laisn import POSITION
 from laisn.arrays import Bools, Floats
 from laisn.compiled import formula, inlined, select
 from laisn.estimates import Estimates, FixKind
-from laisn.geometry import Point, Turn, is_singular
+from laisn.geometry import Point, SinCos, is_singular
 from laisn.vector_math import half_turn_angle
 
 Number: TypeAlias = float | Floats
@@ -41,8 +41,9 @@ def bearing_error(estimate: Point, truth: Point, leader: Point) -> float:
 
 
 @formula
-def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: Turn) -> bool:
-    """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis.
+def is_mirror_locked(estimate: Point, truth: Point, leader: Point, axis: SinCos) -> bool:
+    """Whether an estimate is far off and sits at the truth's mirror image in the leader's axis, the
+    line through its place `leader` in the direction `axis` of its heading.
 
     That is: farther than `MIRROR_LOCK_ERROR` from the truth, and at least twice as far from it as
     from its mirror image. A follower on the axis is its own mirror image, so that an error there is
@@ -119,10 +120,10 @@ def relative_errors(estimate: Floats, truth: Floats, length: float) -> Floats:
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth, axis=0).T))])
     last = travelled.size - 1
     after = np.minimum(np.searchsorted(travelled, travelled + length), last)
-    last_index = np.maximum(after - 1, 0)
-    shortfall = np.abs(travelled[last_index] - travelled - length)
+    before = np.maximum(after - 1, 0)
+    shortfall = np.abs(travelled[before] - travelled - length)
     excess = np.abs(travelled[after] - travelled - length)
-    end = np.where(shortfall <= excess, last_index, after)
+    end = np.where(shortfall <= excess, before, after)
     has_length = np.abs(travelled[end] - travelled - length) <= SEGMENT_TOLERANCE * length
     first = np.flatnonzero(has_length)
     end = end[first]
@@ -186,7 +187,7 @@ def mirror_locked_steps(
     shape (n,).
     """
     sine, cosine = np.sin(leader_heading), np.cos(leader_heading)
-    axis = Turn(sine, cosine)  # type: ignore[arg-type]  # formulas take arrays for numbers
+    axis = SinCos(sine, cosine)  # type: ignore[arg-type]  # formulas take arrays for numbers
     return np.asarray(is_mirror_locked(_points(estimate), _points(truth), _points(leader), axis))
 
 

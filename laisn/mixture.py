@@ -71,7 +71,9 @@ def blend(mean: Floats, covariance: Floats, first: int, second: int, share: floa
 def update_scalar(
     mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int
 ) -> None:
-    """Kalman update of n states x, P with one number of residual ν, variance S and gain P Hᵀ."""
+    """Kalman update of n states x, P with one number of residual ν and variance S; `gain` is P Hᵀ,
+    not yet divided by S.
+    """
     # x += K ν and P −= K S Kᵀ with K = P Hᵀ / S
     for i in range(n):
         share = gain[i] / variance
@@ -164,10 +166,11 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
 
 @compiled
 def _is_same(
-    b: Mixture, modes: int, g: int, h: int, further_state: int, same_radius: float
+    b: Mixture, modes: int, g: int, h: int, further_state: int, merge_distance: float
 ) -> bool:
-    """Whether the heaviest components of two hypotheses are nearer than `same_radius`, a squared
-    Mahalanobis distance by their mean covariance; in `further` too.
+    """Whether the heaviest components of the hypotheses g and h are nearer than `merge_distance`, a
+    squared Mahalanobis distance by their mean covariance, in position, and in the state of index
+    `further_state` too (−1: none).
     """
     i = heaviest(b, modes, g)
     j = heaviest(b, modes, h)
@@ -176,14 +179,14 @@ def _is_same(
     if further_state >= 0:
         difference = x[i, further_state] - x[j, further_state]
         variance = 0.5 * (P[i, further_state, further_state] + P[j, further_state, further_state])
-        if not difference * difference <= same_radius * variance:
+        if not difference * difference <= merge_distance * variance:
             return False
-    # dᵀ adj(P̄) d < same · det(P̄), so that nothing is divided by a vanishing determinant
+    # dᵀ adj(P̄) d < merge_distance · det(P̄), so that nothing is divided by a vanishing determinant
     dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
     xx, xy = 0.5 * (P[i, 0, 0] + P[j, 0, 0]), 0.5 * (P[i, 0, 1] + P[j, 0, 1])
     yy = 0.5 * (P[i, 1, 1] + P[j, 1, 1])
     return bool(
-        dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < same_radius * (xx * yy - xy * xy)
+        dx * dx * yy - 2.0 * dx * dy * xy + dy * dy * xx < merge_distance * (xx * yy - xy * xy)
     )
 
 
@@ -195,11 +198,11 @@ def prune_and_merge(
     least_weight: float,
     max_count: int,
     further_state: int,
-    same_radius: float,
+    merge_distance: float,
 ) -> int:
-    """Prune hypotheses lighter than `least_weight`, merge those nearer than `same_radius` (as of
-    `_is_same`) in position and in the state `further` (−1: none), and keep the heaviest; how many
-    are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
+    """Prune hypotheses lighter than `least_weight`, merge those that are the same by
+    `merge_distance` and `further_state` (as of `_is_same`), and keep the `max_count` heaviest; how
+    many are left. Weights are not scaled to a sum of 1; the last hypothesis fills a gap.
     """
     h = 0
     while h < count:
@@ -212,7 +215,7 @@ def prune_and_merge(
     while g < count:
         h = g + 1
         while h < count:
-            if _is_same(b, modes, g, h, further_state, same_radius):
+            if _is_same(b, modes, g, h, further_state, merge_distance):
                 for mode in range(modes):
                     merge_components(b, g * modes + mode, h * modes + mode)
                 count -= 1
@@ -319,11 +322,12 @@ class Chain(NamedTuple):
     the one before it.
     """
 
-    mean: Floats
-    covariance: Floats  # after the message, shape (m, s, s)
-    predicted: Floats
-    predicted_covariance: Floats  # just before the message, shape (m, s, s)
-    onward: Floats  # of x after this message with x just before the next one, shape (m, s, s)
+    mean: Floats  # after the message, shape (m, s)
+    covariance: Floats  # of that, shape (m, s, s)
+    predicted: Floats  # mean just before the message, shape (m, s)
+    predicted_covariance: Floats  # of that, shape (m, s, s)
+    # covariance of x after this message with x just before the next one, shape (m, s, s)
+    cross_to_next: Floats
 
 
 def _inverse(covariance: Floats) -> Floats:
@@ -348,11 +352,12 @@ def smooth(
     mean = filtered[0].copy()
     covariance = filtered[1].copy()
     inverse = _inverse(chain.predicted_covariance)
-    gain = chain.onward[:-1] @ inverse[1:]
+    gain = chain.cross_to_next[:-1] @ inverse[1:]
     shift = chain.mean - chain.predicted
     change = chain.covariance - chain.predicted_covariance
     rows = np.flatnonzero(last > latest)
     message = latest[rows] + 1
+    # gain from a change of x just before `message` to y
     back = cross_to_next[rows] @ inverse[message]
     while rows.size:
         mean[rows] += np.einsum("nrs,ns->nr", back, shift[message])

@@ -41,7 +41,7 @@ class MissionResult(NamedTuple):
 
     state: Floats  # x, y [m], vx, vy [m/s] after each step, shape (n, 4)
     covariance: Floats  # of the position: xx, xy, yy, shape (n, 3), [m²]
-    kinds: Sequence[int]
+    kinds: Sequence[int]  # `FixKind` of each fix, f of them
     nis_sum: float  # squared innovations of all updates, in units of S
     nis_dof: float  # its degrees of freedom, and its mean if S is right
 
@@ -416,8 +416,8 @@ class OnlineNavigator(ABC, Generic[Result]):
 
 
 def _require_finite(navigator: object, state: Floats, known_start: bool, times: Floats) -> None:
-    """LaisnError naming the class of a navigator and the time at which its estimate left finite
-    numbers.
+    """LaisnError naming the class of a navigator and the first time at which its estimate is not
+    finite.
 
     `state` are its estimates at `times`, shape (n, 4). Without a known start there may be none at
     first.
@@ -443,8 +443,8 @@ class _CustomSteps:
         self._time = 0.0
 
     def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> Floats:
-        """Advance by a step of `dt` [s]; the state after it, shape (4,). LaisnError if it is none,
-        or left finite numbers.
+        """Advance by a step of `dt` [s]; the state after it, shape (4,). LaisnError if the
+        navigator has none, or it is not finite once there was an estimate.
         """
         kind = type(self._navigator).__name__
         self._time += dt
@@ -517,8 +517,8 @@ class SteppedNavigator(OnlineNavigator[Estimates]):
     """A plugin's class with `step(own, reception, dt)`, `state` and `covariance`, run over
     missions.
 
-    A message gives a fix at the estimate. LaisnError if that has another shape, or left finite
-    numbers.
+    A message gives a fix at the estimate. LaisnError if state or covariance have another shape, or
+    a state is not finite once there was an estimate.
     """
 
     WHOLE_MESSAGES = False

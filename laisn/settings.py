@@ -182,7 +182,7 @@ class NavigationSettings(Settings):
 GATES: tuple[GateRule, ...] = get_args(GateRule)
 GATE_OFF = GATES.index("off")
 GATE_MEASURED = GATES.index("v-measured")
-"""Gate rules as formulas hold them."""
+"""Gate rules as formulas hold them: indices in `GATES`."""
 
 
 class Tuning(NamedTuple):

@@ -73,7 +73,7 @@ def spillable_zeros(shape: Sequence[int], dtype: npt.DTypeLike = np.float64) -> 
 
 
 def is_spilled(owner: object) -> bool:
-    """Whether what an array gives as its base is such a file."""
+    """Whether what an array gives as its `base` is the memory of such a file."""
     return isinstance(owner, _Mapping)
 
 

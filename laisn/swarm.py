@@ -67,7 +67,9 @@ class SwarmRecord(NamedTuple):
     def empty(
         cls, followers: int, steps: int, messages: int, kind: type[Estimates], *, whole: bool
     ) -> Self:
-        """Room for a mission; with `whole` for covariances and fixes, up to three of a message."""
+        """Room for the states of a mission; with `whole` also for covariances, and for fixes, up to
+        three of a message.
+        """
         state = spillable_zeros((followers, steps, 4))
         covariance = spillable_zeros((followers, steps if whole else 0, 4, 4))
         for numbers in (state, covariance):
@@ -81,7 +83,7 @@ class SwarmRecord(NamedTuple):
 
     def estimates(self, follower: int, steps: range, kind: type[Estimates]) -> Estimates:
         """The estimates of a follower of filter steps `steps.start` + 1 … `steps.stop`, which
-        become 1 …, from a record that is whole.
+        become 1 …, from a record with covariances and fixes.
 
         Their fixes, and the latest before them, whose hypotheses still hold.
         """
@@ -210,7 +212,9 @@ class SeparateNavigators:
         self.custom: list[dict[str, Floats]] = [{} for _ in starts]
         """Readings of further sensors of each follower at this filter step, by their names."""
         self.receptions: list[dict[str, Reception]] = [{} for _ in starts]
-        """What is in of further links at this filter step, of each follower, by their names."""
+        """Messages of further links that become available at this filter step, of each follower, by
+        the links' names.
+        """
         self.content: list[dict[str, Floats]] = [{} for _ in starts]
         """Readings of the sender that the main link's message holds, of each follower."""
         self.places: Floats | None = None
@@ -244,8 +248,8 @@ class SeparateNavigators:
         estimates: Records,
         record: SwarmRecord,
     ) -> None:
-        """Advance navigator i by one filter step, by a record of READING and what is in of the main
-        link.
+        """Advance navigator i by one filter step, by a record of READING and the message of the
+        main link that becomes available at it, if any.
         """
         navigator = self.navigators[i]
         speed, heading, depth, *_ = reading.tolist()

@@ -17,7 +17,7 @@ from laisn import lanes
 from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.estimates import FixKind
-from laisn.geometry import Point, turn
+from laisn.geometry import Point, sin_cos_of
 from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
@@ -102,7 +102,7 @@ def tally_step(
     """
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
-    axis = turn(leader[2])
+    axis = sin_cos_of(leader[2])
     for lane in range(lanes.in_use(block)):
         estimate = lanes.point_at(block, lanes.X, lane)
         squared = squared_error(estimate, truth)

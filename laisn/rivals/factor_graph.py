@@ -20,7 +20,7 @@ from laisn.errors import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.navigators import GTSAM
 from laisn.rivals.filters import STATES, DeadReckoning, slant
-from laisn.rivals.leader_track import SeenCurrent
+from laisn.rivals.leader_track import CurrentMeasurement
 from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
@@ -38,8 +38,9 @@ def _odometry_error(
 ) -> Floats:
     """R(b_θ)ᵀ (p₂ − p₁ − c t) − (Σ s u Δt − b_v Σ u Δt), and the change of b_θ.
 
-    Of poses (p, b_θ), the log's bias b_v and the current c. Jacobians are by the increments of
-    GTSAM's poses, whose positions are in the frame of the pose.
+    Of poses (p, b_θ), the log's bias b_v and the current c; `displacement` is Σ s u Δt [m], `path`
+    Σ u Δt [s], `time` t [s]. `jacobians`, unless None, gets the derivatives by the increments of
+    GTSAM's poses, whose positions are in the frame of the pose, and by the others.
     """
     first, second, log_bias, current = factor.keys()
     pose = values.atPose2(first)
@@ -68,13 +69,13 @@ def _odometry_error(
 class _Ping(NamedTuple):
     """A range, and what happened since its ping left and arrived."""
 
-    transmitter: Floats
-    range: float
-    longest: float  # range of the message
-    lag: float  # since the arrival [s]
-    age: float  # that the current has carried both, less the way of the ping [s]
-    water: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
-    ahead: Floats  # direction by the compass, shape (2,)
+    transmitter: Floats  # as of `DeadReckoning._update`, shape (3,), [m]
+    range: float  # slant range [m]
+    longest: float  # longest range of the message [m]
+    lag: float  # as of `Delays` [s]
+    age: float  # as of `Delays` [s]
+    water_velocity: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
+    ahead: Floats  # unit vector of the heading by the compass, shape (2,)
 
 
 def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] | None) -> Floats:
@@ -86,14 +87,14 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
     rotation = pose.rotation().matrix()
     scale = 1.0 + values.atDouble(common) / ping.longest
     ahead = rotation @ ping.ahead
-    water = rotation @ ping.water - values.atDouble(log_bias) * ahead
-    displacement = ping.lag * water + ping.age * values.atPoint2(current)
+    water_velocity = rotation @ ping.water_velocity - values.atDouble(log_bias) * ahead
+    displacement = ping.lag * water_velocity + ping.age * values.atPoint2(current)
     for error_key in origin:
         displacement = displacement + values.atPoint2(error_key)
     rho, direction = slant(pose.translation(), ping.transmitter + np.append(displacement, 0.0))
     if jacobians is not None:
         by_position = scale * direction @ rotation
-        heading_derivative = -scale * ping.lag * direction @ (_QUARTER_TURN @ water)
+        heading_derivative = -scale * ping.lag * direction @ (_QUARTER_TURN @ water_velocity)
         jacobians[0] = np.array([[*by_position, heading_derivative]])
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
@@ -122,7 +123,7 @@ class FactorGraph(DeadReckoning):
         parameters.setRelinearizeThreshold(RELINEARISE)
         self._smoother = gtsam.IncrementalFixedLagSmoother(settings.lag, parameters)
         self._time = 0.0
-        self._messages = 0
+        self._n_messages = 0
         self._pose = gtsam.symbol("x", 0)
         self._log_bias, self._range_bias, self._current = (gtsam.symbol(name, 0) for name in "vbw")
         graph = gtsam.NonlinearFactorGraph()
@@ -150,13 +151,13 @@ class FactorGraph(DeadReckoning):
         gtsam = self._gtsam
         settings = self.settings
         displacement, path, noise, elapsed = self._odometry()
-        self._messages += 1
+        self._n_messages += 1
         self._time += elapsed
         last_pose = self._pose
-        self._pose = gtsam.symbol("x", self._messages)
+        self._pose = gtsam.symbol("x", self._n_messages)
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
-        common = gtsam.symbol("c", self._messages)
+        common = gtsam.symbol("c", self._n_messages)
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * elapsed])
         covariance[:2, :2] = noise
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
@@ -179,7 +180,7 @@ class FactorGraph(DeadReckoning):
         keys = [self._pose, common, self._log_bias, self._current]
         place_sigma = self._leader_position_variance(reception) ** 0.5
         if place_sigma > 0.0:
-            origin = gtsam.symbol("o", self._messages)
+            origin = gtsam.symbol("o", self._n_messages)
             noise_of_place = gtsam.noiseModel.Isotropic.Sigma(2, place_sigma)
             graph.add(gtsam.PriorFactorPoint2(origin, np.zeros(2), noise_of_place))
             values.insert(origin, np.zeros(2))
@@ -187,8 +188,8 @@ class FactorGraph(DeadReckoning):
         ahead = np.array([np.sin(own.heading), np.cos(own.heading)])
         for i in received.tolist():
             delays = float(self._delays.lag[i]), float(self._delays.age[i])
-            water = self._mean_speed.speed * ahead
-            ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water, ahead)
+            water_velocity = self._mean_speed.speed * ahead
+            ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water_velocity, ahead)
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:
             self._smoother.update(
@@ -219,7 +220,7 @@ class FactorGraph(DeadReckoning):
         self.P[5:, 5:] = self._smoother.marginalCovariance(self._current)
         return True
 
-    def _update_current(self, measurement: SeenCurrent) -> None:
+    def _update_current(self, measurement: CurrentMeasurement) -> None:
         """Add what the leader's way shows of the current to the graph, and to the estimate until
         the next message.
         """

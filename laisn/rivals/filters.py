@@ -22,10 +22,11 @@ from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Reception
 from laisn.navigator import kalman_update
 from laisn.navigators import OnlineNavigator, require_valid
-from laisn.rivals.leader_track import LeaderTrack, SeenCurrent
+from laisn.rivals.leader_track import CurrentMeasurement, LeaderTrack
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, TightSettings
 
 STATES = 7
+"""Number of states, in the order of x above."""
 
 
 @compiled
@@ -127,7 +128,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         self.P: Floats = np.diag(
             np.square([settings.start_sigma, settings.start_sigma, *biases, current, current])
         )
+        # last reading of log [m/s] and compass [rad], shape (1, 2); (0, 2) before the first
         self._reading = np.empty((0, 2))
+        # readings and durations as of `propagate`, of each call of `_advance`, if they are kept
         self._advances = list[tuple[Floats, Floats]]()
         self._track = LeaderTrack()
         # the state is a place in the frame of the broadcast positions, so it walks with the
@@ -186,7 +189,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         return Estimates.of(states, covariances, fixes)
 
     def _advance(self, readings: Floats, durations: Floats) -> tuple[Floats, Floats]:
-        """Bring the estimate forward by n steps; states and covariances after each."""
+        """Bring the estimate forward by n steps, with the log [m/s] and compass [rad] after each,
+        shape (n, 2); states and covariances after each.
+        """
         n = durations.size
         states = np.empty((n, 4))
         covariances = np.empty((n, 4, 4))
@@ -243,6 +248,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
 
     def _leader_position_variance(self, reception: Reception) -> float:
+        """As the function of this name, by the navigator's settings."""
         return leader_position_variance(self.settings, reception.message)
 
     def _update(
@@ -256,7 +262,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         """
         return False
 
-    def _update_current(self, measurement: SeenCurrent) -> None:
+    def _update_current(self, measurement: CurrentMeasurement) -> None:
         """Update the current with what the leader's way shows of it."""
         H = np.zeros((2, STATES))
         H[:, 5:] = np.eye(2)
@@ -264,8 +270,8 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         self.x, self.P = kalman_update(self.x, self.P, H, measurement.current - self.x[5:], noise)
 
     def _odometry(self) -> tuple[Floats, Floats, Floats, float]:
-        """Odometry since the last call by the compass as it reads: Σ s u Δt, Σ u Δt, covariance
-        of the former, time.
+        """Odometry since the last call by the compass as it reads: Σ s u Δt [m], Σ u Δt [s],
+        covariance of the former [m²], time [s].
         """
         advances = self._advances
         settings = self.settings
@@ -490,19 +496,19 @@ class InvertedUsbl(DeadReckoning):
             return False
         rho, direction = slant(self.x, transmitter)
         east, north = transmitter[:2] - self.x[:2]
-        level = math.hypot(east, north)
+        horizontal_distance = math.hypot(east, north)
         up = -float(transmitter[2])
         H = np.zeros((3, STATES))
         H[0, :2] = direction
         H[0, 4] = 1.0
-        H[1, :2] = (-north / level**2, east / level**2)
+        H[1, :2] = (-north / horizontal_distance**2, east / horizontal_distance**2)
         H[1, 3] = 1.0
-        H[2, :2] = up / rho**2 * np.array([east, north]) / level
+        H[2, :2] = up / rho**2 * np.array([east, north]) / horizontal_distance
         expected = math.atan2(east, north) - own.heading + self.x[3]
         innovation = [
             z - rho - self.x[4],
             signed_angle(azimuth - expected),
-            elevation - math.atan2(up, level),
+            elevation - math.atan2(up, horizontal_distance),
         ]
         R = np.diag(
             [

@@ -9,17 +9,18 @@ from laisn.arrays import Floats
 from laisn.geometry import signed_angle
 from laisn.messages import LeaderMessage
 
-# a window ends after 10 s; at the start sooner, so that something is known soon [s]
-_WINDOW = 10.0
+_WINDOW = 10.0  # longest window [s]
+# it is shorter at the start, so that something is known soon: so long after the first message [s],
+# and longer by this share of the time since then
 _FIRST_WINDOW = 1.0
 _GROWTH = 0.2
-_ROUNDING = 1e-6
+_ROUNDING = 1e-6  # of differences of timestamps [s]
 # windows with more turn of the leader are not used: its way between messages is uncertain [rad]
 _MAX_TURN = 0.2
 _SIGMA = 0.05  # of the mean current over the longest window [m/s]
 
 
-class SeenCurrent(NamedTuple):
+class CurrentMeasurement(NamedTuple):
     """A measurement of the current."""
 
     current: Floats  # mean over the window, east and north, shape (2,), [m/s]
@@ -34,12 +35,13 @@ class LeaderTrack:
     """
 
     def __init__(self) -> None:
-        self._begin: LeaderMessage | None = None
+        self._begin: LeaderMessage | None = None  # the message at which the window began
         self._last_message: LeaderMessage | None = None
-        self._first_time = 0.0
+        self._first_time = 0.0  # timestamp of the first message [s]
+        # displacement through the water since the window began, by log and compass, shape (2,), [m]
         self._through_water = np.zeros(2)
 
-    def receive(self, message: LeaderMessage) -> SeenCurrent | None:
+    def receive(self, message: LeaderMessage) -> CurrentMeasurement | None:
         """Take a message; the current, where a window ends with it."""
         begin = self._begin
         last = self._last_message
@@ -51,9 +53,11 @@ class LeaderTrack:
         elapsed = message.timestamp - last.timestamp
         self._through_water += 0.5 * elapsed * (_velocity(last) + _velocity(message))
         window = message.timestamp - begin.timestamp
-        target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (message.timestamp - self._first_time))
+        target_window = min(
+            _WINDOW, _FIRST_WINDOW + _GROWTH * (message.timestamp - self._first_time)
+        )
         has_turned = abs(signed_angle(message.heading - begin.heading)) > _MAX_TURN
-        if not has_turned and window < target - _ROUNDING:
+        if not has_turned and window < target_window - _ROUNDING:
             return None
         displacement = np.array([message.east - begin.east, message.north - begin.north])
         current = (displacement - self._through_water) / window if window > 0.0 else displacement
@@ -61,7 +65,7 @@ class LeaderTrack:
         self._through_water = np.zeros(2)
         if has_turned or window <= 0.0:
             return None
-        return SeenCurrent(current, _SIGMA**2 * _WINDOW / window)
+        return CurrentMeasurement(current, _SIGMA**2 * _WINDOW / window)
 
 
 def _velocity(message: LeaderMessage) -> Floats:

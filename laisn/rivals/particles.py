@@ -19,7 +19,7 @@ from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.messages import OwnMotion, Reception
 from laisn.rivals.filters import STATES, DeadReckoning
-from laisn.rivals.leader_track import SeenCurrent
+from laisn.rivals.leader_track import CurrentMeasurement
 from laisn.settings import COMPASS_WALK, LOG_WALK, RivalSettings
 
 DISCOUNT = 0.98
@@ -198,8 +198,8 @@ class ParticleFilter(DeadReckoning):
         self.weights: Floats = np.full(settings.particles, 1.0 / settings.particles)
 
     def _random(self, step: int, reading: float) -> np.random.Generator:
-        """Random numbers of a step: a function of its number and of a reading, so that runs do
-        not share them.
+        """Generator of the random numbers of a step: a function of its number and of a reading, so
+        that runs do not share them, and each gives the same when it is repeated.
         """
         key = int(np.float64(reading).view(np.uint64))
         return np.random.Generator(np.random.Philox(key=key, counter=step << 64))
@@ -207,7 +207,7 @@ class ParticleFilter(DeadReckoning):
     def _move(self, random: np.random.Generator) -> None:
         """Move all particles by the odometry since the last message."""
         displacement, path, noise, time = self._odometry()
-        current_walk = self._noise[3]
+        current_walk = self._noise[3]  # [m/s/√s]
         walks = np.array([LOG_WALK, COMPASS_WALK, current_walk, current_walk])
         root = np.asarray(np.linalg.cholesky(noise), dtype=np.float64)
         move(
@@ -221,7 +221,7 @@ class ParticleFilter(DeadReckoning):
         """Take mean and covariance of the particles for the estimate."""
         self.x, self.P = moments(self.particles, self.weights)
 
-    def _update_current(self, measurement: SeenCurrent) -> None:
+    def _update_current(self, measurement: CurrentMeasurement) -> None:
         """Move each particle's current as a Kalman filter would, by their common covariance, with
         random numbers that leave the right one (P. L. Houtekamer, H. L. Mitchell, Monthly Weather
         Review 126, 1998): few particles have the current that is seen.

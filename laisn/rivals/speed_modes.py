@@ -23,14 +23,15 @@ from laisn.rivals.filters import leader_position_variance, range_measurement
 from laisn.rivals.leader_track import LeaderTrack
 from laisn.settings import COMPASS_WALK, CURRENT_WALK, LOG_WALK, RivalSettings
 
-X, Y, LOG, COMPASS, SCALE, SPEED, EAST, NORTH = range(8)
+X, Y, LOG_BIAS, COMPASS_BIAS, RANGE_SCALE, SPEED, CURRENT_EAST, CURRENT_NORTH = range(8)
+"""Indices of the states x, y, b_v, b_θ, b_r, v, c_x and c_y."""
 STATES = 8
 WALKS = (0.005, 0.2)
 """Random walks of the speed in the two modes [m/s/√s]."""
 STAY_PROBABILITY = 0.97
 """Chance that a mode stays over `MIXING_TIME`."""
 MIXING_TIME = 1.0  # [s]
-MIN_WEIGHT = 1e-6
+MIN_WEIGHT = 1e-6  # of a mode
 START_SPEED_SIGMA = 10.0  # nothing is known of the speed before the first reading [m/s]
 
 
@@ -58,12 +59,13 @@ def predict(
 ) -> None:
     """Both filters: x ← f(x), P ← F P Fᵀ + Q over a step.
 
-    The compass [rad] is that at its middle; `walks` are those of the speed by mode [m/s/√s],
-    `noise` the random error of the compass [rad], the motion beside the log [m/√s], and the random
-    walk of the current [m/s/√s].
+    `heading` is the compass's at the middle of the step [rad], `dt` the step's length [s]. `walks`
+    are the random walks of the speed by mode [m/s/√s], `noise` the random error of the compass
+    [rad], that of motion which the log does not see [m/√s], and the random walk of the current
+    [m/s/√s].
     """
     for mode in range(walks.size):
-        course = heading - x[mode, COMPASS]
+        course = heading - x[mode, COMPASS_BIAS]
         speed = x[mode, SPEED]
         u = np.array([np.sin(course), np.cos(course)])
         across = np.array([-u[1], u[0]])
@@ -72,15 +74,15 @@ def predict(
         across_variance = (speed * noise[0] * dt) ** 2
         for i in range(2):
             F[i, SPEED] = u[i] * dt
-            F[i, COMPASS] = speed * across[i] * dt
-            F[i, EAST + i] = dt
+            F[i, COMPASS_BIAS] = speed * across[i] * dt
+            F[i, CURRENT_EAST + i] = dt
             for j in range(2):
                 Q[i, j] = across_variance * across[i] * across[j]
             Q[i, i] += noise[1] ** 2 * dt
-            Q[EAST + i, EAST + i] = noise[2] ** 2 * dt
-            x[mode, i] += (speed * u[i] + x[mode, EAST + i]) * dt
-        Q[LOG, LOG] = LOG_WALK**2 * dt
-        Q[COMPASS, COMPASS] = COMPASS_WALK**2 * dt
+            Q[CURRENT_EAST + i, CURRENT_EAST + i] = noise[2] ** 2 * dt
+            x[mode, i] += (speed * u[i] + x[mode, CURRENT_EAST + i]) * dt
+        Q[LOG_BIAS, LOG_BIAS] = LOG_WALK**2 * dt
+        Q[COMPASS_BIAS, COMPASS_BIAS] = COMPASS_WALK**2 * dt
         Q[SPEED, SPEED] = walks[mode] ** 2 * dt
         P[mode] = F @ P[mode] @ F.T + Q
 
@@ -109,9 +111,9 @@ def update_log(x: Floats, P: Floats, weights: Floats, reading: float, sigma: flo
     log_likelihoods = np.empty(weights.size)
     for mode in range(weights.size):
         # H has ones at the speed and at the log's bias: K = P Hᵀ / S
-        gain = P[mode, :, SPEED] + P[mode, :, LOG]
-        variance = gain[SPEED] + gain[LOG] + sigma**2
-        innovation = reading - (x[mode, SPEED] + x[mode, LOG])
+        gain = P[mode, :, SPEED] + P[mode, :, LOG_BIAS]
+        variance = gain[SPEED] + gain[LOG_BIAS] + sigma**2
+        innovation = reading - (x[mode, SPEED] + x[mode, LOG_BIAS])
         x[mode] += gain * (innovation / variance)
         P[mode] -= np.outer(gain, gain) / variance
         log_likelihoods[mode] = -0.5 * (innovation**2 / variance + np.log(variance))
@@ -144,7 +146,7 @@ def estimate(
     [rad] of random error σ.
     """
     mean, covariance = moments(x, P, weights)
-    course = heading - mean[COMPASS]
+    course = heading - mean[COMPASS_BIAS]
     speed = mean[SPEED]
     u = np.array([np.sin(course), np.cos(course)])
     across = np.array([-u[1], u[0]])
@@ -153,10 +155,10 @@ def estimate(
     for i in range(2):
         J[i, i] = 1.0
         J[2 + i, SPEED] = u[i]
-        J[2 + i, COMPASS] = speed * across[i]
-        J[2 + i, EAST + i] = 1.0
+        J[2 + i, COMPASS_BIAS] = speed * across[i]
+        J[2 + i, CURRENT_EAST + i] = 1.0
         state[i] = mean[i]
-        state[2 + i] = speed * u[i] + mean[EAST + i]
+        state[2 + i] = speed * u[i] + mean[CURRENT_EAST + i]
     V = J @ covariance @ J.T
     V[2:, 2:] += (speed * sigma) ** 2 * np.outer(across, across)
     return state, V
@@ -236,10 +238,10 @@ class SpeedModes(OnlineNavigator[Estimates]):
         current = self._track.receive(reception.message)
         if current is not None and settings.assume.current:
             H = np.zeros((2, STATES))
-            H[:, EAST:] = np.eye(2)
+            H[:, CURRENT_EAST:] = np.eye(2)
             noise = current.variance * np.eye(2)
             for mode in range(len(WALKS)):
-                innovation = current.current - self.x[mode, EAST:]
+                innovation = current.current - self.x[mode, CURRENT_EAST:]
                 self._update(mode, H, innovation, noise)
         return used
 
@@ -249,17 +251,18 @@ class SpeedModes(OnlineNavigator[Estimates]):
     def _update_ranges(
         self, mode: int, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
     ) -> float:
-        """Update a filter with ranges, NaN where none came, to transmitters as of
-        `DeadReckoning._update`, and with the variance of the leader's position; their log
-        likelihood.
+        """Update the filter of a mode with ranges; their log likelihood but for a constant.
+
+        `measured` are the transmitters as of `DeadReckoning._update`, the ranges to them, NaN where
+        none came, shape (3,), [m], and the variance of the leader's broadcast position [m²].
         """
         transmitters, ranges, variance = measured
         x = self.x[mode]
-        course = heading - x[COMPASS]
+        course = heading - x[COMPASS_BIAS]
         ahead = np.array([math.sin(course), math.cos(course)])
         moved_transmitters = transmitters.copy()
         moved_transmitters[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
-        moved_transmitters[:, :2] += np.outer(delays.age, x[EAST:])
+        moved_transmitters[:, :2] += np.outer(delays.age, x[CURRENT_EAST:])
         H, innovation, R = range_measurement(self.settings, x, moved_transmitters, ranges)
         directions = H[:, :2].copy()
         R = R + variance * directions @ directions.T
@@ -267,9 +270,9 @@ class SpeedModes(OnlineNavigator[Estimates]):
         lag = delays.lag[received]
         H[:, SPEED] = -lag * (directions @ ahead)
         across = directions[:, 0] * ahead[1] - directions[:, 1] * ahead[0]
-        H[:, COMPASS] = lag * x[SPEED] * across
+        H[:, COMPASS_BIAS] = lag * x[SPEED] * across
         if self.settings.assume.current:
-            H[:, EAST:] = -delays.age[received, None] * directions
+            H[:, CURRENT_EAST:] = -delays.age[received, None] * directions
         S = H @ self.P[mode] @ H.T + R
         self._update(mode, H, innovation, R)
         squared = float(innovation @ np.linalg.solve(S, innovation))

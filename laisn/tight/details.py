@@ -93,19 +93,19 @@ def _write_hypothesis(b: GaussianMixture, m: Model, h: int, rank: int, fix: Reco
 
 @compiled
 def _heaviest_below(b: GaussianMixture, m: Model, heavier: int) -> int:
-    """The hypothesis that follows another one by weight, the earlier one among equals; −1: the
-    first.
+    """The hypothesis that comes next after the one `heavier` by weight, the earlier one among
+    equals; the heaviest of all after −1.
     """
     bound = np.inf if heavier < 0 else hypothesis_weight(b, m.modes, heavier)
-    heaviest = -1
+    best = -1
     largest = -np.inf
     for h in range(b.n_hypotheses):
         weight = hypothesis_weight(b, m.modes, h)
         follows = weight < bound or (weight == bound and h > heavier)
         if follows and weight > largest:
-            heaviest = h
+            best = h
             largest = weight
-    return heaviest
+    return best
 
 
 @compiled
@@ -116,7 +116,7 @@ def write_fix(b: GaussianMixture, m: Model, indices: Ints, used: int, fix: Recor
         b: the belief after the message.
         m: its model.
         indices: of the states in `TightEstimates.names`, shape (n,).
-        used: how many of its ranges were used by any hypothesis, of `receive`.
+        used: what `receive` gave: how many of its ranges a hypothesis used at most.
         fix: out.
     """
     _clear(fix)

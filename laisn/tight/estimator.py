@@ -15,9 +15,9 @@ import numpy as np
 from laisn import mixture
 from laisn.compiled import compiled
 from laisn.estimates import HYPOTHESES
-from laisn.geometry import Turn, tilted_arms, turn
+from laisn.geometry import SinCos, sin_cos_of, tilted_arms
 from laisn.tight import motion
-from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
+from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y, refresh_output
 from laisn.tight.ranging import relative_covariance, relative_position, update, velocity_over_pings
 from laisn.tight.records import (
     ABSENT,
@@ -107,7 +107,8 @@ def _truncate_to_side(b: GaussianMixture, m: Model, k: int, signal: Signal, side
     sigma = math.sqrt(variance)
     mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
     b.weight[k] *= mass
-    # of the half of a normal variable u = (ℓ − ℓ̄) / σ: x += ± λ g, P −= κ g gᵀ with g = P ∇ℓ / σ
+    # of the half of a normal variable u = (ℓ − ℓ̄) / σ: x += ± λ g, P −= λ (λ + z) g gᵀ with
+    # g = P ∇ℓ / σ, as of `half_moments`
     for i in range(m.states):
         gain[i] /= sigma
         x[k, i] += side * shift * gain[i]
@@ -139,9 +140,11 @@ def prune_and_merge(b: GaussianMixture, m: Model) -> None:
     """Prune and merge hypotheses, and keep the heaviest few; those with different leader
     headings are not merged.
     """
-    same_radius = _MERGE_DISTANCE if m.leader_position == ABSENT else _MERGE_DISTANCE_BESIDE_ERRORS
+    merge_distance = (
+        _MERGE_DISTANCE if m.leader_position == ABSENT else _MERGE_DISTANCE_BESIDE_ERRORS
+    )
     b.n_hypotheses = mixture.prune_and_merge(
-        b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader, same_radius
+        b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader, merge_distance
     )
     mixture.normalise(b.weight, b.n_hypotheses * m.modes)
 
@@ -151,7 +154,8 @@ _BEARINGS = 96
 _RADIAL_VARIANCE = 25.0
 # smoothed NIS, of which 1 is expected, above which the mixture is inconsistent
 _INCONSISTENT_NIS = 3.0
-_RING_WEIGHT = 0.002  # that the hypotheses of the ring are given after an alarm
+# that the hypotheses of a ring are given together, where the mixture is inconsistent
+_RING_WEIGHT = 0.002
 _POSITION_SIGMA = 10.0  # of the ring's weight around the belief so far, along each axis [m]
 _FAR_WEIGHT = 0.01  # of the ring far from the belief so far, where that at the belief is 1
 
@@ -193,8 +197,8 @@ def _merge_ring(
             nearest = i
             shortest = signal.ranges[i]
     centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
-    deeper = signal.arms[nearest, 2]
-    distance = math.sqrt(max(shortest * shortest - deeper * deeper, 1.0))
+    depth_difference = signal.arms[nearest, 2]
+    distance = math.sqrt(max(shortest * shortest - depth_difference * depth_difference, 1.0))
     best = -math.inf
     for h in range(2):
         mixture.reset_component(b, first + h * m.modes, b.prior_variance)
@@ -286,14 +290,15 @@ _TURN_OVER_AFTER = 10.0  # a turn is over where it has not gone on for so long [
 
 
 @compiled
-def largest_echo_excess(m: Model, signal: Signal, deeper: float) -> float:
-    """By how much the range of an echo may exceed the direct one, at most [m].
+def largest_echo_excess(m: Model, signal: Signal, leader_below: float) -> float:
+    """By how much the range of an echo may exceed the direct one, at most [m]; the leader's origin
+    is `leader_below` the hydrophone [m].
 
     With d and d' the distances of both vehicles from the surface or the floor, an echo's way is
     √(r² + 4 d d'); of a range that is an echo's itself r is shorter, but not by more than d − d'.
     """
     leader_depth = signal.depth
-    receiver_depth = signal.depth - deeper
+    receiver_depth = signal.depth - leader_below
     product = leader_depth * receiver_depth
     if m.floor_depth > 0.0:
         product = max(product, (m.floor_depth - leader_depth) * (m.floor_depth - receiver_depth))
@@ -301,7 +306,7 @@ def largest_echo_excess(m: Model, signal: Signal, deeper: float) -> float:
     for i in range(m.transmitters):
         echo = signal.ranges[i]
         if product > 0.0 and echo == echo:
-            direct = math.sqrt(max(echo * echo - 4.0 * product, deeper * deeper))
+            direct = math.sqrt(max(echo * echo - 4.0 * product, leader_below * leader_below))
             largest = max(largest, echo - direct)
     return largest + _ECHO_MARGIN
 
@@ -310,36 +315,36 @@ _ECHO_MARGIN = 1.0  # errors of depths and ranges [m]
 
 
 @compiled
-def place_arms(signal: Signal, m: Model, pitch: float, roll: float, deeper: float) -> None:
+def place_arms(signal: Signal, m: Model, pitch: float, roll: float, leader_below: float) -> None:
     """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level
     where either is NaN).
 
-    The leader's origin is `deeper` than the hydrophone [m]; NaN: unknown, so that no range counts
+    The leader's origin is `leader_below` the hydrophone [m]; NaN: unknown, so that no range counts
     as received.
     """
-    if deeper != deeper:
+    if leader_below != leader_below:
         for i in range(3):
             signal.ranges[i] = np.nan
-    signal.echo_span = largest_echo_excess(m, signal, deeper)
-    heading = Turn(*sin_cos(signal.heading))
-    pitched = Turn(0.0, 1.0)
-    rolled = Turn(0.0, 1.0)
+    signal.echo_span = largest_echo_excess(m, signal, leader_below)
+    heading = SinCos(*sin_cos(signal.heading))
+    pitched = SinCos(0.0, 1.0)
+    rolled = SinCos(0.0, 1.0)
     if m.use_attitude and pitch == pitch and roll == roll:
-        pitched = turn(pitch)
-        rolled = turn(roll)
+        pitched = sin_cos_of(pitch)
+        rolled = sin_cos_of(roll)
     placed = tilted_arms(m.baseline, m.middle_offset, heading, pitched, rolled)
     east, north, up = placed.front
     middle_east, middle_north, middle_up = placed.middle
     arms = signal.arms
     arms[0, 0] = -east
     arms[0, 1] = -north
-    arms[0, 2] = deeper + up
+    arms[0, 2] = leader_below + up
     arms[1, 0] = east
     arms[1, 1] = north
-    arms[1, 2] = deeper - up
+    arms[1, 2] = leader_below - up
     arms[2, 0] = middle_east
     arms[2, 1] = middle_north
-    arms[2, 2] = deeper - middle_up
+    arms[2, 2] = leader_below - middle_up
     # the leader goes on from ping to ping
     distance = m.ping_slot * signal.speed
     for i in range(1, 3):
@@ -365,7 +370,7 @@ def _turn_growth(
     turn: CompassTurn, direction: tuple[float, float], min_angle: float, time: float
 ) -> float:
     """Growth of the squared angle [rad²] of a turn of at least `min_angle` [rad], `time` seconds
-    after the last call.
+    after the last call. `direction` is sine and cosine of the heading now.
     """
     sine, cosine = direction
     is_turning = turn.sin != 0.0 or turn.cos != 0.0
@@ -389,7 +394,8 @@ def _turn_growth(
 @compiled
 def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Inflate bias covariances before an update: by a share of the whole turns since the last
-    message, where compasses have a deviation, and by the error of the leg's heading.
+    message, where compasses have a deviation, and by the error of the leg's heading. Takes the
+    variance of the message's position for the belief too.
     """
     o = b.motion
     has_leader_bias = m.leader != ABSENT
@@ -405,7 +411,7 @@ def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> Non
                 b.leader_turn, sin_cos(signal.heading), _NEGLIGIBLE_LEADER_TURN, o.elapsed
             )
     for k in range(b.n_hypotheses * m.modes):
-        b.covariance[k, COMPASS, COMPASS] += compass_growth
+        b.covariance[k, COMPASS_BIAS, COMPASS_BIAS] += compass_growth
         if has_leader_bias:
             b.state[k, m.leader] += signal.shift
             b.covariance[k, m.leader, m.leader] += leader_growth
@@ -423,20 +429,20 @@ def _propagate_iterated(
     """
     x = b.state
     distance = math.sqrt(b.motion.ax**2 + b.motion.ay**2)
-    log_bias = x[k, LOG]
-    compass_bias = x[k, COMPASS]
+    log_bias = x[k, LOG_BIAS]
+    compass_bias = x[k, COMPASS_BIAS]
     healthy = True
     if m.speed != ABSENT:
         # predicted step by step
         if m.leader_position != ABSENT:
             motion.reset_position_error(b, m, k)
         return True
-    if 0.5 * b.covariance[k, COMPASS, COMPASS] * distance >= _MAX_WAY_BEND:
+    if 0.5 * b.covariance[k, COMPASS_BIAS, COMPASS_BIAS] * distance >= _MAX_WAY_BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
         healthy = update(b, range_model, k, signal) >= 0
-        log_bias = x[k, LOG]
-        compass_bias = x[k, COMPASS]
+        log_bias = x[k, LOG_BIAS]
+        compass_bias = x[k, COMPASS_BIAS]
         mixture.copy_component(b, SPARE, k)
     motion.predict_component(b, m, k, log_bias, compass_bias)
     return healthy
@@ -481,19 +487,19 @@ def _check_consistency(
         for k in range(b.n_hypotheses * m.modes):
             b.covariance[k, X, X] += _ADDED_POSITION
             b.covariance[k, Y, Y] += _ADDED_POSITION
-            b.covariance[k, COMPASS, COMPASS] += _ADDED_COMPASS
+            b.covariance[k, COMPASS_BIAS, COMPASS_BIAS] += _ADDED_COMPASS
     return True
 
 
-# a message that seems to have been longer under way has a clock of its own [s]
+# of a message that seems to have been longer under way the sender's clock is another one [s]
 _LONGEST_DELAY = 5.0
 _NEGLIGIBLE_DELAY = 1e-3  # an arrival within this time is now [s]
 
 
 @compiled
 def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
-    """Write how long ago each ping arrived, and how long after the message's time it left or was
-    waited for, into `signal`; `late` if any counts.
+    """Write into `signal` how long ago each ping arrived, `lag`, and for how long the current has
+    carried both vehicles, `age`; `late` is 1 if any of them counts, else 0.
     """
     signal.late = 0
     if not m.compensate_motion:

@@ -1,6 +1,6 @@
 """The model of the tightly coupled navigator: its state, and settings as compiled code takes them.
 
-State, of n numbers; the last ten only where the settings have them unknown:
+State, of n numbers, in this order; those from b_L on only where the settings have them unknown:
 
     x, y    position of the hydrophone, east and north [m]
     b_v     bias of the speed log [m/s]
@@ -13,6 +13,7 @@ State, of n numbers; the last ten only where the settings have them unknown:
     τ, τ̇    clock offset of the follower from the leader, as a range [m], and its rate [m/s]
     e, w    error of the broadcast position, true less broadcast, east and north [m]: what is new in
             each message, and what walks
+    v       speed through the water [m/s]
 
 A belief is a mixture of Gaussians. With two transmitters both sides of the leader's axis are kept
 until the data decide; each such side is a *hypothesis*. Where biases drift, each hypothesis has two
@@ -37,15 +38,18 @@ from laisn.tight.records import (
 )
 from laisn.vector_math import sin_cos
 
-X, Y, LOG, COMPASS, SCALE = range(5)
-"""Indices of the states that are always there; `Model` has those of the others."""
+X, Y, LOG_BIAS, COMPASS_BIAS, RANGE_SCALE = range(5)
+"""Indices of the states x, y, b_v, b_θ and b_r, which are always there; `Model` has those of the
+others.
+"""
 
-_DRIFTING_LOG = 2.5e-3  # [m/s/√s]
-_DRIFTING_COMPASS = 1.7e-3  # [rad/√s]
-_MODES = (0.25, 2.5)  # slow and quick drift, as multiples of these
-_LEADER_COMPASS = 5e-5  # [rad/√s]
+# random walks of the biases of log and compass, where the settings assume that they drift
+_DRIFTING_LOG_WALK = 2.5e-3  # [m/s/√s]
+_DRIFTING_COMPASS_WALK = 1.7e-3  # [rad/√s]
+_DRIFT_MODES = (0.25, 2.5)  # slow and quick drift, as multiples of these
+_LEADER_COMPASS_WALK = 5e-5  # of b_L [rad/√s]
 _CLOCK_WALK = 3e-6  # of τ̇ [m/s/√s]: 2 ppb/√s, as of a crystal oscillator whose temperature changes
-_MODE_SWITCHES = 0.004
+_MODE_SWITCHES = 0.004  # rate of changes between slow and quick drift [1/s]
 # of the speed through the water, held and in manoeuvres [m/s/√s], and the rate at which a vehicle
 # changes between these [1/s]: it stays for a second with a chance of 0.97
 _SPEED_WALKS = (0.005, 0.2)
@@ -62,14 +66,14 @@ _OPTIONAL = {
     "leader_position_walk": 14,
     "speed": 16,
 }
-"""Optional states: field of `Model` with the index of the first one, and its place in
-`TightEstimates.names`.
+"""Optional states: field of `Model` with the index of the first one, and its number in the table of
+all states above, of which `TightEstimates.names` has the first 12.
 """
 
 
 def prior_sigmas(settings: TightSettings) -> dict[int, float]:
-    """Prior standard deviation of each state, by its place in `TightEstimates.names`, in the
-    order of the state.
+    """Prior standard deviation of each state that the settings have, by its number in the table of
+    all states above, in the order of the state.
     """
     s = settings
     assume = settings.assume
@@ -111,8 +115,8 @@ def _modes_of(assume: Assume) -> dict[str, Any]:
     log_walk, compass_walk = LOG_WALK, COMPASS_WALK
     drifts: tuple[float, ...] = (1.0,)
     if assume.drift:
-        log_walk, compass_walk = _DRIFTING_LOG, _DRIFTING_COMPASS
-        drifts = _MODES
+        log_walk, compass_walk = _DRIFTING_LOG_WALK, _DRIFTING_COMPASS_WALK
+        drifts = _DRIFT_MODES
     speeds = _SPEED_WALKS if assume.steady_speed else (0.0,)
     return {
         "modes": len(drifts) * len(speeds),
@@ -154,7 +158,7 @@ def model_of(settings: TightSettings) -> Model:
         "heading_variance": s.heading_sigma**2,
         "slip_rate": s.slip**2,
         "current_walk": CURRENT_WALK**2,
-        "leader_walk": _LEADER_COMPASS**2,
+        "leader_walk": _LEADER_COMPASS_WALK**2,
         "clock_walk": _CLOCK_WALK**2,
         "speed_switches": _SPEED_SWITCHES,
         "mode_switches": _MODE_SWITCHES,
@@ -165,7 +169,7 @@ def model_of(settings: TightSettings) -> Model:
         "leader_position_walk_rate": s.leader_position_walk**2,
         "ping_slot": s.ping_slot if s.compensate_motion else 0.0,
         "sound_slowness": s.sound_slowness if s.compensate_motion else 0.0,
-        "log_outlier": math.log(s.outlier_probability),
+        "log_p_outlier": math.log(s.outlier_probability),
         "log_p_inlier": math.log1p(-s.outlier_probability),
         "log_density_outlier": math.log(s.outlier_probability / s.outlier_span),
     }
@@ -176,8 +180,9 @@ def model_of(settings: TightSettings) -> Model:
 
 
 def model_beside(m: Model) -> Model:
-    """The model of the ranges of a further link: without what errs in the leader's messages and
-    transmitters alone. The clock, and what errs anew in each message's position, are as of `m`.
+    """The model of the ranges of a further link: without the states and errors that only the
+    leader's messages and transmitters have. The clock, and what errs anew in each message's
+    position, are as of `m`.
     """
     records = np.array([m], dtype=MODEL)
     for state in ("leader", "offset", "leader_position_walk"):
@@ -198,11 +203,11 @@ def refresh_output(b: GaussianMixture, m: Model) -> None:
         out.x = out.y = np.nan
     for k in range(b.n_hypotheses * m.modes):
         w = b.weight[k]
-        sine, cosine = sin_cos(b.state[k, COMPASS])
+        sine, cosine = sin_cos(b.state[k, COMPASS_BIAS])
         out.x += w * b.state[k, X]
         out.y += w * b.state[k, Y]
         if m.speed == ABSENT:
-            bias = b.state[k, LOG]
+            bias = b.state[k, LOG_BIAS]
             out.c_cos += w * cosine
             out.c_sin += w * sine
         else:
@@ -241,7 +246,7 @@ def new_belief(
     track["scatter"] = leader_variance
     track["other_variance"] = leader_variance / 16.0
     if start is not None:
-        record["state"][0, :modes, :LOG] = start
+        record["state"][0, :modes, :LOG_BIAS] = start
         record["covariance"][0, :modes] = np.diag(prior_variance)
         record["weight"][0, :modes] = 1.0 / modes
     belief = cast(GaussianMixture, record[0])

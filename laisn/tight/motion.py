@@ -29,7 +29,7 @@ from laisn.mixture import (
     normalise,
     update_scalar,
 )
-from laisn.tight.model import COMPASS, LOG, X, Y, refresh_output
+from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y, refresh_output
 from laisn.tight.records import ABSENT, SPARE, GaussianMixture, Model, Preintegration, Signal
 from laisn.vector_math import sin_cos
 
@@ -95,8 +95,8 @@ _MIXING_TIME = 1.0  # of the modes of speed [s]
 
 @compiled
 def mix_pair(b: GaussianMixture, m: Model, first: int, second: int, switches: float) -> None:
-    """Blend two components that are modes of one hypothesis, after a time in which so many changes
-    from one to the other are expected.
+    """Blend two components that are modes of one hypothesis, after a time in which so many
+    `switches` from one to the other are expected.
 
     The interacting multiple model of Blom & Bar-Shalom (Bar-Shalom, Li & Kirubarajan 2001): either
     component becomes a blend of both, by the chance that the mode has changed.
@@ -143,7 +143,7 @@ def start_speed(b: GaussianMixture, m: Model, k: int) -> None:
     P = b.covariance
     b.state[k, m.speed] = b.motion.speed
     P[k, m.speed, m.speed] = b.prior_variance[m.speed]
-    P[k, m.speed, LOG] = P[k, LOG, m.speed] = -b.prior_variance[LOG]
+    P[k, m.speed, LOG_BIAS] = P[k, LOG_BIAS, m.speed] = -b.prior_variance[LOG_BIAS]
 
 
 @compiled
@@ -156,9 +156,9 @@ def _update_with_log(b: GaussianMixture, m: Model, k: int) -> float:
     gain = b.gain
     # P Hᵀ and S = H P Hᵀ + σ²
     for i in range(m.states):
-        gain[i] = P[i, m.speed] + P[i, LOG]
-    variance = gain[m.speed] + gain[LOG] + m.speed_variance
-    residual = b.motion.speed - x[m.speed] - x[LOG]
+        gain[i] = P[i, m.speed] + P[i, LOG_BIAS]
+    variance = gain[m.speed] + gain[LOG_BIAS] + m.speed_variance
+    residual = b.motion.speed - x[m.speed] - x[LOG_BIAS]
     update_scalar(x, P, gain, residual, variance, m.states)
     likelihood: float = -0.5 * (residual * residual / variance + math.log(variance))
     return likelihood
@@ -174,7 +174,7 @@ def _advance_components(b: GaussianMixture, m: Model, first: bool) -> None:
     for k in range(components):
         if first:
             start_speed(b, m, k)
-        predict_component(b, m, k, b.state[k, m.speed], b.state[k, COMPASS])
+        predict_component(b, m, k, b.state[k, m.speed], b.state[k, COMPASS_BIAS])
     o.unmixed += o.time
     reset_preintegration(b)
     if not first:
@@ -283,7 +283,7 @@ def predict_component(
     much has to be turned back. P ← F P Fᵀ + Q, with Q of biases that wander for a straight way.
     Where the speed is a state, `speed` is its value, else b_v's; see `_displacement`.
     """
-    speed_index = LOG if m.speed == ABSENT else m.speed
+    speed_index = LOG_BIAS if m.speed == ABSENT else m.speed
     x = b.state
     P = b.covariance
     n = m.states
@@ -300,26 +300,26 @@ def predict_component(
     by_compass_y = way_x
     # (x, y) += r(speed, b_θ) + F_v (v − speed) + F_θ (b_θ − compass_bias) + c T
     off_speed = x[k, speed_index] - speed
-    off_compass = x[k, COMPASS] - compass_bias
+    off_compass = x[k, COMPASS_BIAS] - compass_bias
     x[k, X] += way_x + by_speed_x * off_speed + by_compass_x * off_compass
     x[k, Y] += way_y + by_speed_y * off_speed + by_compass_y * off_compass
     east, north = m.current, m.current + 1
-    drifting = m.current != ABSENT
-    if drifting:
+    has_current = m.current != ABSENT
+    if has_current:
         x[k, X] += time * x[k, east]
         x[k, Y] += time * x[k, north]
     # F P: rows x and y change; then (F P) Fᵀ: columns x and y.
     for j in range(n):
-        P[k, X, j] += by_speed_x * P[k, speed_index, j] + by_compass_x * P[k, COMPASS, j]
-        P[k, Y, j] += by_speed_y * P[k, speed_index, j] + by_compass_y * P[k, COMPASS, j]
-        if drifting:
+        P[k, X, j] += by_speed_x * P[k, speed_index, j] + by_compass_x * P[k, COMPASS_BIAS, j]
+        P[k, Y, j] += by_speed_y * P[k, speed_index, j] + by_compass_y * P[k, COMPASS_BIAS, j]
+        if has_current:
             P[k, X, j] += time * P[k, east, j]
             P[k, Y, j] += time * P[k, north, j]
     px, pxy, py = _position_noise(b.motion, m, mode, displacement)
-    px += P[k, X, X] + by_speed_x * P[k, X, speed_index] + by_compass_x * P[k, X, COMPASS]
-    pxy += P[k, X, Y] + by_speed_y * P[k, X, speed_index] + by_compass_y * P[k, X, COMPASS]
-    py += P[k, Y, Y] + by_speed_y * P[k, Y, speed_index] + by_compass_y * P[k, Y, COMPASS]
-    if drifting:
+    px += P[k, X, X] + by_speed_x * P[k, X, speed_index] + by_compass_x * P[k, X, COMPASS_BIAS]
+    pxy += P[k, X, Y] + by_speed_y * P[k, X, speed_index] + by_compass_y * P[k, X, COMPASS_BIAS]
+    py += P[k, Y, Y] + by_speed_y * P[k, Y, speed_index] + by_compass_y * P[k, Y, COMPASS_BIAS]
+    if has_current:
         px += time * P[k, X, east]
         pxy += time * P[k, X, north]
         py += time * P[k, Y, north]
@@ -330,18 +330,18 @@ def predict_component(
     half_time = time / 2.0
     P[k, X, speed_index] += half_time * q_speed * by_speed_x
     P[k, Y, speed_index] += half_time * q_speed * by_speed_y
-    P[k, X, COMPASS] += half_time * q_compass * by_compass_x
-    P[k, Y, COMPASS] += half_time * q_compass * by_compass_y
-    P[k, LOG, LOG] += q_log * time
+    P[k, X, COMPASS_BIAS] += half_time * q_compass * by_compass_x
+    P[k, Y, COMPASS_BIAS] += half_time * q_compass * by_compass_y
+    P[k, LOG_BIAS, LOG_BIAS] += q_log * time
     if m.speed != ABSENT:
         P[k, speed_index, speed_index] += q_speed * time
-    P[k, COMPASS, COMPASS] += q_compass * time
+    P[k, COMPASS_BIAS, COMPASS_BIAS] += q_compass * time
     if m.leader != ABSENT:
         P[k, m.leader, m.leader] += m.leader_walk * time
     if m.clock != ABSENT:
         # before the columns x and y are copied from the rows
         _predict_clock(b, m, k, time)
-    if drifting:
+    if has_current:
         for state in (east, north):
             P[k, state - east, state] += m.current_walk * time * half_time
             P[k, state, state] += m.current_walk * time
@@ -400,11 +400,11 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
     o = b.motion
     weight = b.weight[k]
     log_is_exact = m.speed == ABSENT
-    speed_index = LOG if log_is_exact else m.speed
-    displacement = _displacement(o, m, x[speed_index], x[COMPASS])
+    speed_index = LOG_BIAS if log_is_exact else m.speed
+    displacement = _displacement(o, m, x[speed_index], x[COMPASS_BIAS])
     c, s, way_x, way_y, by_speed_x, by_speed_y = displacement
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed = o.speed - x[LOG] if log_is_exact else x[speed_index]
+    speed = o.speed - x[LOG_BIAS] if log_is_exact else x[speed_index]
     sign = -1.0 if log_is_exact else 1.0
     time = o.time
     # F = ∂(x, y, vx, vy)/∂state
@@ -413,14 +413,14 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
             rows[i, j] = 0.0
     rows[0, X] = 1.0
     rows[0, speed_index] = by_speed_x
-    rows[0, COMPASS] = -way_y
+    rows[0, COMPASS_BIAS] = -way_y
     rows[1, Y] = 1.0
     rows[1, speed_index] = by_speed_y
-    rows[1, COMPASS] = way_x
+    rows[1, COMPASS_BIAS] = way_x
     rows[2, speed_index] = sign * ux
-    rows[2, COMPASS] = -speed * uy
+    rows[2, COMPASS_BIAS] = -speed * uy
     rows[3, speed_index] = sign * uy
-    rows[3, COMPASS] = speed * ux
+    rows[3, COMPASS_BIAS] = speed * ux
     values = (x[X] - origin[0] + way_x, x[Y] - origin[1] + way_y, speed * ux, speed * uy)
     if m.current != ABSENT:
         east, north = x[m.current], x[m.current + 1]
@@ -440,11 +440,11 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
     covariance[0, 1] += weight * xy
     covariance[1, 1] += weight * yy
     # the velocity is that of the last readings, with their random errors: σ_v² u uᵀ + σ_θ² v² n nᵀ
-    forward = m.speed_variance if log_is_exact else 0.0
-    across = m.heading_variance * o.speed * o.speed
-    covariance[2, 2] += weight * (forward * ux * ux + across * uy * uy)
-    covariance[2, 3] += weight * (forward - across) * ux * uy
-    covariance[3, 3] += weight * (forward * uy * uy + across * ux * ux)
+    along_variance = m.speed_variance if log_is_exact else 0.0
+    across_variance = m.heading_variance * o.speed * o.speed
+    covariance[2, 2] += weight * (along_variance * ux * ux + across_variance * uy * uy)
+    covariance[2, 3] += weight * (along_variance - across_variance) * ux * uy
+    covariance[3, 3] += weight * (along_variance * uy * uy + across_variance * ux * ux)
 
 
 @compiled
@@ -530,7 +530,9 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
             signal.arms[i, 1] = c * ay - s * ax
 
 
-_WINDOW = 10.0  # longest window [s]; at the start it is shorter, so that something is known soon
+_WINDOW = 10.0  # longest window [s]
+# it is shorter at the start, so that something is known soon: so long after the first message [s],
+# and longer by this share of the time since then
 _FIRST_WINDOW = 1.0
 _GROWTH = 0.2
 _MAX_WINDOW_TURN = (
@@ -549,8 +551,10 @@ def _update_component(
     logged: tuple[float, float],
     variance: float,
 ) -> None:
-    """Updates with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once;
-    `logged` is v_L u(θ_L).
+    """Update component k with z = c + v_L [u(θ_L − b_L) − u(θ_L)], east and north, linearised once.
+
+    z is `measurement`, of variance R along each axis [m²/s²], `logged` is v_L u(θ_L), the leader's
+    mean velocity by its log and compass [m/s].
     """
     x = b.state[k]
     P = b.covariance[k]
@@ -564,7 +568,7 @@ def _update_component(
         # ∂z/∂b_L; ∂z/∂c is 1
         slope = -logged_turned[1] if axis == 0 else logged_turned[0]
         residual = measurement[axis] - (logged_turned[axis] - logged[axis])
-        spread = variance
+        innovation_variance = variance
         state = m.current + axis
         for i in range(m.states):
             gain[i] = P[i, state] if m.current != ABSENT else 0.0
@@ -572,11 +576,11 @@ def _update_component(
                 gain[i] += slope * P[i, m.leader]
         if has_leader_bias:
             residual -= slope * (x[m.leader] - bias)
-            spread += slope * gain[m.leader]
+            innovation_variance += slope * gain[m.leader]
         if m.current != ABSENT:
             residual -= x[state]
-            spread += gain[state]
-        update_scalar(x, P, gain, residual, spread, m.states)
+            innovation_variance += gain[state]
+        update_scalar(x, P, gain, residual, innovation_variance, m.states)
 
 
 @compiled

@@ -40,8 +40,8 @@ from laisn.tight.estimator import (
     receive_beside,
 )
 from laisn.tight.model import (
-    COMPASS,
-    LOG,
+    COMPASS_BIAS,
+    LOG_BIAS,
     X,
     Y,
     model_beside,
@@ -108,11 +108,11 @@ def _receive(
     `receive`. Transmitters are placed on the leader's hull, or lie in `signal`.
     """
     _copy_message(m, message, ranges, signal)
-    deeper = message.depth - (depth - m.hydrophone_height)
+    leader_below = message.depth - (depth - m.hydrophone_height)
     if on_hull:
-        place_arms(signal, m, message.pitch, message.roll, deeper)
+        place_arms(signal, m, message.pitch, message.roll, leader_below)
     else:
-        signal.echo_span = largest_echo_excess(m, signal, deeper)
+        signal.echo_span = largest_echo_excess(m, signal, leader_below)
     return receive(b, m, signal)
 
 
@@ -136,16 +136,16 @@ def update(
 def update_beside(
     b: ScalarRecord,
     m: ScalarRecord,
-    beside: ScalarRecord,
+    link_model: ScalarRecord,
     signal: ScalarRecord,
     sent: Records,
     ranges: Floats,
 ) -> int:
-    """Update a belief with the only one of messages of a further link, whose transmitters lie in
-    `signal`, as of `receive_beside`, and its moments.
+    """Update a belief with the only one of messages of a further link, of the model `link_model`,
+    whose transmitters lie in `signal`, as of `receive_beside`, and its moments.
     """
-    _copy_message(beside[0], sent[0], ranges, signal[0])
-    used = receive_beside(b[0], m[0], beside[0], signal[0])
+    _copy_message(link_model[0], sent[0], ranges, signal[0])
+    used = receive_beside(b[0], m[0], link_model[0], signal[0])
     moments(b[0], m[0])
     return used
 
@@ -159,8 +159,8 @@ def write_fix_of_message(
 
 
 def reported_states(settings: TightSettings) -> Ints:
-    """Indices in `TightEstimates.names` of the first states; what errs in messages alone comes
-    after.
+    """Indices in `TightEstimates.names` of the states that are reported, the first ones of a
+    belief; errors of broadcast positions and the speed come after them.
     """
     n_reported = len(TightEstimates.names)
     return np.array(
@@ -321,27 +321,29 @@ class _Leg:
         self._whole_motion = self._motion.copy()
         self.mean, self.covariance = _merged(belief, m)
         mix_modes(belief, m)
-        modes = belief.weight[: int(belief.n_hypotheses) * count].reshape(-1, count).sum(axis=0)
-        self._modes = modes / modes.sum()
+        mode_weights = (
+            belief.weight[: int(belief.n_hypotheses) * count].reshape(-1, count).sum(axis=0)
+        )
+        self._mode_weights = mode_weights / mode_weights.sum()
         belief.n_hypotheses = 1
-        belief.weight[:count] = self._modes
+        belief.weight[:count] = self._mode_weights
         # covariance of the state at the beginning of the way with that at its end
-        self.onward = self.covariance @ self._matrix().T
+        self.cross_to_next = self.covariance @ self._transition().T
         self._begin()
         inflate_bias_covariance(belief, m, signal[0])
         self.predicted, self.predicted_covariance = self._predicted()
 
     def _begin(self) -> None:
         """Put the merged Gaussian back to the beginning of the way."""
-        self._state[: self._modes.size] = self.mean
+        self._state[: self._mode_weights.size] = self.mean
         self._spread[:] = self.covariance
 
     def _predicted(self) -> tuple[Floats, Floats]:
         """Mean and covariance after the way in the belief's motion."""
-        _predict_components(*self._records, self._modes.size, *self._biases)
-        return self._state[0].copy(), np.einsum("k,kij->ij", self._modes, self._spread)
+        _predict_components(*self._records, self._mode_weights.size, *self._biases)
+        return self._state[0].copy(), np.einsum("k,kij->ij", self._mode_weights, self._spread)
 
-    def _matrix(self) -> Floats:
+    def _transition(self) -> Floats:
         """Transition matrix F of the way in the belief's motion: a prediction is affine in the
         state.
         """
@@ -358,7 +360,7 @@ class _Leg:
         """
         for name in _SUMS:
             self._motion[name] = self._whole_motion[name] - motion[name]
-        transition = self._matrix()
+        transition = self._transition()
         self._motion[:] = motion
         self._begin()
         _moments(*self._records)
@@ -456,7 +458,10 @@ class SmoothingNavigator(TightNavigator):
         for before, signal in reversed(self._priors):
             mean = legs[0].mean if legs else final_mean
             legs.insert(
-                0, _Leg(before, signal, self._model, (float(mean[LOG]), float(mean[COMPASS])))
+                0,
+                _Leg(
+                    before, signal, self._model, (float(mean[LOG_BIAS]), float(mean[COMPASS_BIAS]))
+                ),
             )
         return legs, Chain(
             mean=np.array([*(leg.mean for leg in legs), final_mean]),
@@ -465,7 +470,9 @@ class SmoothingNavigator(TightNavigator):
             predicted_covariance=np.array(
                 [legs[0].covariance, *(leg.predicted_covariance for leg in legs)]
             ),
-            onward=np.array([*(leg.onward for leg in legs), np.zeros_like(final_covariance)]),
+            cross_to_next=np.array(
+                [*(leg.cross_to_next for leg in legs), np.zeros_like(final_covariance)]
+            ),
         )
 
 
@@ -586,8 +593,8 @@ def run_mission(
 
 
 def fly(settings: TightSettings, measurements: Measurements, start: Floats) -> MissionResult:
-    """One run of a campaign; errors as of `run_mission`. The mean of an update's squared
-    residuals is its ranges.
+    """One run of a campaign; errors as of `run_mission`. The degrees of freedom of the squared
+    residuals of an update are the ranges that it used, as of `TightEstimates.used`.
     """
     estimates = run_mission(settings, measurements, start)
     received, used, squared = estimates.outcome.T
@@ -605,7 +612,7 @@ _SEPARATION = 2.0
 
 @compiled
 def _spread(b: GaussianMixture, k: int, east: float, north: float) -> float:
-    """Standard deviation of the place of component k in a direction, a unit vector [m]."""
+    """Standard deviation of the place of component k [m] along a unit vector (east, north)."""
     P = b.covariance
     return math.sqrt(
         east * east * P[k, X, X] + 2.0 * east * north * P[k, X, Y] + north * north * P[k, Y, Y]
@@ -655,8 +662,8 @@ def _write_outputs(b: GaussianMixture, m: Model, out: Record) -> None:
         w = b.weight[k]
         dx = b.state[k, X] - x
         dy = b.state[k, Y] - y
-        log_bias += w * b.state[k, LOG]
-        compass_bias += w * b.state[k, COMPASS]
+        log_bias += w * b.state[k, LOG_BIAS]
+        compass_bias += w * b.state[k, COMPASS_BIAS]
         xx += w * (b.covariance[k, X, X] + dx * dx)
         xy += w * (b.covariance[k, X, Y] + dx * dy)
         yy += w * (b.covariance[k, Y, Y] + dy * dy)
@@ -694,10 +701,10 @@ def _record_state(
 class TightSwarm(NamedTuple):
     """Tightly coupled navigators of f followers, with room for a message; see `Swarm`."""
 
-    beliefs: Records
+    beliefs: Records  # of BELIEF, shape (f,)
     model: Model
-    signal: Signal
-    gated: Ints
+    signal: Signal  # room for the message of one follower after the other
+    gated: Ints  # messages of each follower whose ranges were all rejected so far, shape (f,)
     reported_indices: Ints  # of the states in `TightEstimates.names`, shape (n,)
 
     @compiled_apart

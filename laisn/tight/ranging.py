@@ -17,7 +17,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values, inlined
-from laisn.tight.model import COMPASS, LOG, SCALE, X, Y
+from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, RANGE_SCALE, X, Y
 from laisn.tight.records import ABSENT, SIGNAL, GaussianMixture, Model, Signal
 from laisn.vector_math import log, sin_cos
 
@@ -98,9 +98,9 @@ def velocity_over_pings(b: GaussianMixture, k: int) -> tuple[float, float, float
     biases of component k, east and north, [m/s].
     """
     o = b.motion
-    s, c = sin_cos(b.state[k, COMPASS])
+    s, c = sin_cos(b.state[k, COMPASS_BIAS])
     ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed = o.mean_speed - b.state[k, LOG]
+    speed = o.mean_speed - b.state[k, LOG_BIAS]
     return ux, uy, speed * ux, speed * uy
 
 
@@ -119,7 +119,9 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
         w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
         w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
         for h in range(m.states):
-            w.gain[i, h] += P[k, LOG, h] * w.row_log[i] + P[k, COMPASS, h] * w.row_compass[i]
+            w.gain[i, h] += (
+                P[k, LOG_BIAS, h] * w.row_log[i] + P[k, COMPASS_BIAS, h] * w.row_compass[i]
+            )
         if m.current != ABSENT:
             east = -signal.age[i] * w.row_x[i]
             north = -signal.age[i] * w.row_y[i]
@@ -144,7 +146,7 @@ def _delay_covariance(
     w = b.work
     o = b.motion
     ux, uy, vx, vy = velocity_over_pings(b, k)
-    value: float = w.row_log[i] * w.gain[g, LOG] + w.row_compass[i] * w.gain[g, COMPASS]
+    value: float = w.row_log[i] * w.gain[g, LOG_BIAS] + w.row_compass[i] * w.gain[g, COMPASS_BIAS]
     if m.current != ABSENT:
         east = w.row_x[i] * w.gain[g, m.current]
         north = w.row_y[i] * w.gain[g, m.current + 1]
@@ -262,7 +264,7 @@ def _linearise_range(
         f[i, 2, 2] = fxl * pxl + fyl * pyl + fll * pll
         mean_shift = f[i, 0, 0] + f[i, 1, 1] + f[i, 2, 2] - 2.0 * hl * turn
     # ẑ = ρ − h · (where it is linearised − mean) + ½ tr(F P) + scale, offset and clock
-    expected = rho - hx * shift_x - hy * shift_y + share * x[k, SCALE] + 0.5 * mean_shift
+    expected = rho - hx * shift_x - hy * shift_y + share * x[k, RANGE_SCALE] + 0.5 * mean_shift
     if m.offset != ABSENT and i > 0:
         expected += x[k, m.offset + i - 1]
     if clock != ABSENT:
@@ -272,7 +274,7 @@ def _linearise_range(
     gain = w.gain[i]
     n = m.states
     for h in range(n):
-        gain[h] = relative_cov_x[h] * hx + relative_cov_y[h] * hy + P[k, SCALE, h] * share
+        gain[h] = relative_cov_x[h] * hx + relative_cov_y[h] * hy + P[k, RANGE_SCALE, h] * share
     if has_leader_bias:
         for h in range(n):
             gain[h] += P[k, leader, h] * hl
@@ -306,7 +308,7 @@ def _fill_innovation_covariance(
             value = (
                 w.row_x[i] * _relative_component(m, w.gain[g], 0)
                 + w.row_y[i] * _relative_component(m, w.gain[g], 1)
-                + w.row_scale[i] * w.gain[g, SCALE]
+                + w.row_scale[i] * w.gain[g, RANGE_SCALE]
             )
             if signal.late:
                 value += _delay_covariance(b, m, k, signal, i, g)
@@ -375,8 +377,8 @@ def _marginalise_common_echo(b: GaussianMixture, count: int) -> tuple[float, flo
     Returns the likeliest e [m], by how much the squared residuals are smaller, ê² uᵀu, and log uᵀu.
     """
     w = b.work
-    size = 0.0
-    match = 0.0
+    size = 0.0  # uᵀ u
+    match = 0.0  # uᵀ ν
     for i in range(count):
         value = 1.0
         for h in range(i):
@@ -444,7 +446,7 @@ def _weigh_common_echo(
     b: GaussianMixture, m: Model, signal: Signal, count: int, span: float
 ) -> float:
     """Logarithm of the density of the ranges in `work.used` if all have an echo in common, of
-    `work.tilt`; residuals and S are as they were, after it.
+    `work.tilt`, and excesses are spread evenly over a `span` [m]; restores residuals and S.
     """
     w = b.work
     copy_values(w.residual, w.direct_residual)
@@ -452,22 +454,22 @@ def _weigh_common_echo(
         copy_values(w.innovation_covariance[i], w.direct_covariance[i])
     _add_common_echo(b, signal, count)
     density, _ = _likelihood(b, count)
-    _, log_density, log_size = _marginalise_common_echo(b, count)
+    _, reduction, log_size = _marginalise_common_echo(b, count)
     copy_values(w.direct_residual, w.residual)
     for i in range(w.innovation_covariance.shape[0]):
         copy_values(w.direct_covariance[i], w.innovation_covariance[i])
     return float(
         density
-        + (m.log_outlier - log(span))
+        + (m.log_p_outlier - log(span))
         + count * m.log_p_inlier
-        + 0.5 * (log_density + _LOG_TURN - log_size)
+        + 0.5 * (reduction + _LOG_TURN - log_size)
     )
 
 
 @inlined
 def _update_component(b: GaussianMixture, m: Model, k: int, count: int) -> None:
-    """x += W ν and P −= W Wᵀ with W = P Hᵀ root⁻ᵀ, less its part along a shared echo, and
-    whitened residuals ν.
+    """Update component k: x += W ν and P −= W Wᵀ with W = P Hᵀ L⁻ᵀ, less its part along a shared
+    echo, and whitened residuals ν.
     """
     w = b.work
     x = b.state
@@ -515,8 +517,8 @@ def _update_component(b: GaussianMixture, m: Model, k: int, count: int) -> None:
 
 @compiled
 def _is_near(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -> bool:
-    """Whether component k is so near to a transmitter of a range in `work.used` that it bends,
-    and clear of the axis of two.
+    """Whether component k is so near to a transmitter of a range in `work.used` that the circle of
+    that range is not straight, and clear of the axis of two transmitters.
     """
     w = b.work
     nearest = math.inf
@@ -568,6 +570,7 @@ def _leader_turn(b: GaussianMixture, count: int) -> tuple[float, float]:
     """
     w = b.work
     v = b.leader_variance
+    # with t = L⁻¹ g and ν = L⁻¹ e: tᵀ ν, and tᵀ t
     match = 0.0
     size = 0.0
     for i in range(count):
@@ -604,7 +607,7 @@ def _select_ranges(
     b: GaussianMixture, m: Model, k: int, signal: Signal, received: int, density: float
 ) -> int:
     """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`;
-    how many these are.
+    how many these are. `density` is the logarithm of the density of all received ranges.
     """
     w = b.work
     all_ranges = (1 << received) - 1
@@ -649,8 +652,8 @@ def _select_ranges(
 
 @compiled
 def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
-    """Update component k with the ranges of a message, without those that look like echoes; how
-    many it used.
+    """Update component k with the ranges of a message, without those that look like echoes. Returns
+    how many it used, less one if these have an echo in common.
 
     −1: a covariance was not positive definite. Sets `outcome`, `evidence` and `turn_excess`. Where
     the leader's heading errs at random and the ranges determine by how much, they are linearised
@@ -688,28 +691,28 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
         density, squared = _likelihood(b, used)
         if b.work.shared:
             squared -= _marginalise_common_echo(b, used)[1]
-    # a common echo costs one number
-    numbers: int = used - b.work.shared
-    echo_cost = 2.0 * (received - numbers) * (m.log_p_inlier - m.log_density_outlier)
-    outcome.n_used = numbers
+    # the excess of a common echo is estimated of the ranges, and takes one degree of freedom
+    dof: int = used - b.work.shared
+    echo_cost = 2.0 * (received - dof) * (m.log_p_inlier - m.log_density_outlier)
+    outcome.n_used = dof
     outcome.shared = w.shared
     outcome.nis_sum = squared
     outcome.normalised_innovation = (squared + echo_cost) / received
     turn = 0.0
-    left = v
+    left_variance = v
     is_revised = False
     if m.leader != ABSENT and used > 0:
         estimate, remaining = _leader_turn(b, used)
         b.turn_excess[k] = estimate * estimate + remaining - v
         if remaining < _INFORMATIVE * v:
             turn = estimate
-            left = remaining
+            left_variance = remaining
             is_revised = True
     if not w.shared and _is_near(b, m, k, signal, used):
         _linearise_at_update(b, used)
         is_revised = True
     if is_revised:
-        predict_ranges(b, m, k, signal, turn, left)
+        predict_ranges(b, m, k, signal, turn, left_variance)
         _use_subset(b, received, w.mask)
         if w.shared:
             _add_common_echo(b, signal, used)
@@ -719,4 +722,4 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
         if w.shared:
             _marginalise_common_echo(b, used)
     _update_component(b, m, k, used)
-    return numbers
+    return dof

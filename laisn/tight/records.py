@@ -64,14 +64,15 @@ class Model(RecordFields):
     clock_walk: float  # τ̇ likewise [m²/s³]
     speed_switches: float  # rate of changes between the modes of speed [1/s]
     mode_switches: float  # rate of changes between the modes of drift [1/s]
-    deviation: float  # square of a compass's change in a turn, as a share of the turn
+    # square of the change of a compass's bias in a turn, as a share of the turn; 0: it has none
+    deviation: float
     range_scale_variance: float
     leader_variance: float  # prior, and upper limit, of the random error of its heading [rad²]
     leader_position_variance: float  # of e along each axis [m²]
     leader_position_walk_rate: float  # w gains in a second [m²/s]
     ping_slot: float
     sound_slowness: float
-    log_outlier: float  # logarithm of the chance that a range is an echo
+    log_p_outlier: float  # logarithm of the chance that a range is an echo
     log_p_inlier: float  # logarithm of the chance that a range is a direct one
     log_density_outlier: float  # logarithm of an echo's density in [1/m]
 
@@ -186,7 +187,7 @@ class RangeUpdate(RecordFields):
     row_leader: ByRange
     row_log: ByRange
     row_compass: ByRange
-    # covariance of the position beside the leader, east and north, with the states
+    # covariance of the position relative to the leader, east and north, with the states
     relative_covariance: Annotated[Floats, (2, MAX_STATES)]
     # second derivatives of each range by (x, y, b_L), times their covariance
     curvature: Annotated[Floats, (_T, 3, 3)]
@@ -196,9 +197,8 @@ class RangeUpdate(RecordFields):
     direct_covariance: Annotated[Floats, (_T, _T)]
     root: Annotated[Floats, (_T, _T)]  # L: Cholesky factor of S over the used ranges
     per_root: ByRange  # reciprocals of the diagonal of `root`
-    # residuals, and `row_leader`, in units of `root`
-    white: ByRange
-    turned: ByRange
+    white: ByRange  # whitened residuals, L⁻¹ (z − ẑ)
+    turned: ByRange  # L⁻¹ `row_leader`
     gain: Annotated[Floats, (_T, MAX_STATES)]  # H P
     # where the ranges are linearised, from the mean of x, y [m]
     shift: Annotated[Floats, (2,)]
@@ -211,13 +211,15 @@ class RangeUpdate(RecordFields):
     shared: int  # 1 where the used ranges have an echo in common, else 0
     tilt: float  # by what share of themselves it has made differences of ranges smaller
     tilt_variance: float
-    common: ByRange  # its direction in units of the root, of length 1
+    common: ByRange  # u = L⁻¹ 1, by which it adds to whitened residuals, scaled to length 1
 
 
 class UpdateOutcome(RecordFields):
     """Result of the last update of a component."""
 
-    n_used: int  # ranges that were used
+    # ranges that were used, less one where they have an echo in common: the degrees of freedom of
+    # `nis_sum`
+    n_used: int
     shared: int  # 1 where they were taken for echoes of one common excess, else 0
     nis_sum: float  # their squared residuals, in units of S
     # the same for each range received, an echo counting as what it costs
@@ -254,7 +256,7 @@ class GaussianMixture(RecordFields):
     # their derivatives by a component's states, and room for one row
     rows: Annotated[Floats, (5, MAX_STATES)]
     prior_variance: ByState  # variances at the start
-    gain: ByState  # P Hᵀ of an update with one number
+    gain: ByState  # P Hᵀ of an update with one number, not yet divided by S
 
 
 MODEL = record_dtype(Model)

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from laisn import navigator as acceleration
 from laisn.compiled import compiled
 from laisn.fix import Circle, Fix, Pair, laisn_3_2, laisn_best, laisn_main, pair_fix
-from laisn.geometry import Point, Turn
+from laisn.geometry import Point, SinCos
 from laisn.settings import NavigationSettings, Tuning
 
 PLACE, RANGE = st.floats(-50, 50), st.floats(0, 60) | st.just(float("nan"))
 
 
 @compiled
-def _pair_fix(pair: Pair, heading: Turn, predicted: Point, t: Tuning) -> Fix:
+def _pair_fix(pair: Pair, heading: SinCos, predicted: Point, t: Tuning) -> Fix:
     return pair_fix(pair, heading, predicted, t)
 
 
@@ -37,7 +37,7 @@ def test_python_and_compiled_code_compute_the_same_bits(
         Circle(Point(1.0, 0.0), front),
         Circle(Point(0.0, 0.1), middle),
     )
-    heading, predicted = Turn(1.0, 0.0), Point(x, y)
+    heading, predicted = SinCos(1.0, 0.0), Point(x, y)
     chosen = (
         Pair(*circles[:2], False),
         Pair(circles[0], circles[2], False),

@@ -19,7 +19,7 @@ from laisn.fix import (
     laisn_3_2,
     to_circles,
 )
-from laisn.geometry import Point, turn
+from laisn.geometry import Point, sin_cos_of
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
@@ -32,7 +32,7 @@ PREDICTED = NavigationSettings(side_rule="predicted")
 def arrived(*radius: float) -> RangeCircles:
     return RangeCircles(
         Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))),
-        turn(EAST),
+        sin_cos_of(EAST),
         0.0,
     )
 

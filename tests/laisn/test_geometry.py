@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from laisn import geometry
-from laisn.geometry import Point, turn
+from laisn.geometry import Point, sin_cos_of
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import Settings
 from sim import attitude
@@ -84,7 +84,9 @@ def test_transmitters_of_a_leader_that_is_tilted_by_nothing_are_those_of_a_level
 ) -> None:
     ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
     level = 0.5 * baseline * ahead, offset * np.array([-ahead[1], ahead[0], 0.0])
-    tilted = geometry.tilted_arms(baseline, offset, turn(heading), turn(0.0), turn(0.0))
+    tilted = geometry.tilted_arms(
+        baseline, offset, sin_cos_of(heading), sin_cos_of(0.0), sin_cos_of(0.0)
+    )
     np.testing.assert_allclose(level, tilted, rtol=0, atol=1e-12)
 
 
@@ -109,8 +111,8 @@ def meeting(x: float, y: float, r1: float, xj: float, yj: float, r2: float) -> M
     if not chord.distinct or chord.half_squared < 0.0:
         return Meeting(0, 0.0, Point(np.nan, np.nan), Point(np.nan, np.nan))
     half = math.sqrt(chord.half_squared)
-    east, north = x + chord.offset * chord.way.east, y + chord.offset * chord.way.north
-    aside_east, aside_north = -half * chord.way.north, half * chord.way.east
+    east, north = x + chord.offset * chord.direction.east, y + chord.offset * chord.direction.north
+    aside_east, aside_north = -half * chord.direction.north, half * chord.direction.east
     return Meeting(
         2 if half > 0.0 else 1,
         2.0 * half,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind
 from laisn.fix import Circle, Circles, RangeCircles, one_range
-from laisn.geometry import Point, place_on_body, tilted_arms, turn
+from laisn.geometry import Point, place_on_body, sin_cos_of, tilted_arms
 from laisn.lanes import tuning
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.navigator import Filter, Gate, Navigator
@@ -90,7 +90,11 @@ def test_places_on_a_body_are_those_of_transmitters_on_a_hull(
 ) -> None:
     origin, attitude = (3.0, -4.0, 8.0), (heading, pitch, roll)
     offsets = np.array([[-0.5 * baseline, 0, 0], [0.5 * baseline, 0, 0], [0, offset, 0]])
-    front, middle = np.array(tilted_arms(baseline, offset, *map(turn, attitude))) * [1.0, 1.0, -1.0]
+    front, middle = np.array(tilted_arms(baseline, offset, *map(sin_cos_of, attitude))) * [
+        1.0,
+        1.0,
+        -1.0,
+    ]
     expected = np.array(origin) + np.stack([-front, front, middle])
     np.testing.assert_allclose(
         place_on_body(origin, attitude, offsets), expected, rtol=0, atol=1e-9
@@ -136,7 +140,7 @@ def test_two_beacons_are_enough_and_a_third_without_a_place_is_not_used() -> Non
 def free(*radius: float) -> RangeCircles:
     """Beacons at 0 and 100 m east, the third between them and aside."""
     centres = Point(0.0, 0.0), Point(100.0, 0.0), Point(50.0, 1.0)
-    return RangeCircles(Circles(*map(Circle, centres, radius)), turn(0.0), 0.0, off_hull=True)
+    return RangeCircles(Circles(*map(Circle, centres, radius)), sin_cos_of(0.0), 0.0, off_hull=True)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import numpy as np
 from experiments.study.run import Cells, StudyResults
 from laisn.arrays import Floats
 from laisn.fix import CHOOSE_PAIR, Pair, circles, pair_fix
-from laisn.geometry import Arms, Point, Turn
+from laisn.geometry import Arms, Point, SinCos
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, Tuning, Variant
 from reports.findings import Finding, interval_finding, plain_finding
@@ -102,7 +102,7 @@ def fix_error(season: str, variant: Variant, geometry: QuarterGeometry) -> float
     ranges = Ranges(*(measured_range(season, source, receiver) for source in places))
     arms = Arms((0.0, half_baseline, 0.0), (-_MIDDLE_M, 0.0, 0.0))
     rear, front, middle = circles(Point(0.0, 0.0), arms, ranges, follower - leader)
-    north = Turn(0.0, 1.0)
+    north = SinCos(0.0, 1.0)
     tuning = Tuning.of(NavigationSettings(variant=variant))
     pairs = (Pair(rear, front, False), Pair(rear, middle, False), Pair(middle, front, True))
     fixes = tuple(pair_fix(pair, north, geometry.follower, tuning) for pair in pairs)

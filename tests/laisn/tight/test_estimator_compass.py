@@ -5,7 +5,7 @@ import pytest
 
 from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_bias_covariance
-from laisn.tight.model import COMPASS, model_of, new_belief
+from laisn.tight.model import COMPASS_BIAS, model_of, new_belief
 from laisn.tight.motion import preintegrate, reset_preintegration
 from laisn.tight.ranging import new_signal
 from tests.laisn.tight.mission import DT
@@ -30,7 +30,7 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
             reset_preintegration(belief)
             belief.motion.elapsed = 0.0
     gained = belief.covariance[0].diagonal() - before
-    return float(gained[COMPASS]), float(gained[model.leader])
+    return float(gained[COMPASS_BIAS]), float(gained[model.leader])
 
 
 @pytest.mark.parametrize("every", [0.5, 1.0, 5.0, 20.0])

@@ -13,7 +13,7 @@ from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.metrics import nees
 from laisn.mixture import Chain, smooth
 from laisn.settings import Assume, TightSettings
-from laisn.tight.model import COMPASS, LOG, X, Y
+from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y
 from laisn.tight.navigator import SmoothingNavigator, TightNavigator, _Leg
 from tests.laisn.tight.mission import EVERYTHING, Mission
 
@@ -212,7 +212,7 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
         )
         sideways = speed**2 * (end * settings.heading_bias_sigma**2 + q_compass * so_far)
         assert onward[2, X] == pytest.approx(sideways, rel=1e-12)
-        assert onward[3, LOG] == pytest.approx(
+        assert onward[3, LOG_BIAS] == pytest.approx(
             -(settings.speed_bias_sigma**2) - q_log * t, rel=1e-12
         )
         assert covariance[0, 0] == pytest.approx(
@@ -241,8 +241,12 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
     drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
     variance = settings.heading_bias_sigma**2 + (0.03 * turn) ** 2 + drift
-    assert way.predicted_covariance[COMPASS, COMPASS] == pytest.approx(variance, rel=1e-12)
-    assert way.onward[COMPASS, COMPASS] == pytest.approx(settings.heading_bias_sigma**2, rel=1e-12)
+    assert way.predicted_covariance[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
+        variance, rel=1e-12
+    )
+    assert way.cross_to_next[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
+        settings.heading_bias_sigma**2, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize(
