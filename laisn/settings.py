@@ -258,7 +258,7 @@ class Assume:
     deviation: bool = setting(
         False,
         "",
-        "Compass biases depend on heading, by 3 % of a turn; the leader's too, unless exact",
+        "Compass biases change in a turn, by a σ of 3 % of it; the leader's too, unless exact",
     )
     current: bool = setting(False, "", "Estimate a current common to leader and follower")
     offsets: bool = setting(False, "", "Estimate a constant range error of each transmitter")
