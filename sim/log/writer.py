@@ -432,6 +432,7 @@ def _fix_lines(flight: FlightRecord) -> list[Event]:
 
 def _scene(flight: FlightRecord, clock: Clock, hulls: VisibleHulls) -> Iterator[LogChannel]:
     t = flight.trajectory
+    # indices of the instants at whole seconds, and filter steps at which a message is in
     seconds = np.arange(0, t.time.size, round(1.0 / CONTROL_STEP_S), dtype=np.int64)
     received: Ints = np.unique(np.concatenate([m.message_step for m in flight.measurements]))
     instants, draw_all = draw_hulls(flight, seconds, hulls)
