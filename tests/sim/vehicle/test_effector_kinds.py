@@ -293,7 +293,7 @@ def test_vehicles_are_listed_with_effectors_and_limits() -> None:
 def test_torpedoes_keep_route_and_depth(name: str) -> None:
     """Two corners of 10° and a dive by 4 m, at 1.2 m/s."""
     depth = DepthProfile(time=np.array([0.0, 60.0, 140.0]), depth=np.array([10.0, 10.0, 14.0]))
-    route = Route.pseudo_inverse_at("turns", [[0, 0], [90, 0], [170, 14], [260, 14]], 1.2, depth)
+    route = Route.at_speed("turns", [[0, 0], [90, 0], [170, 14], [260, 14]], 1.2, depth)
     setup = VehicleSetup(
         name="one", model=name, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.2
     )
@@ -303,7 +303,7 @@ def test_torpedoes_keep_route_and_depth(name: str) -> None:
 
 
 def test_bluerov_keeps_route_and_depth_at_half_a_metre_a_second() -> None:
-    route = Route.pseudo_inverse_at("square", [[0, 0], [40, 0], [40, 40]], 0.5, 10.0)
+    route = Route.at_speed("square", [[0, 0], [40, 0], [40, 40]], 0.5, 10.0)
     setup = VehicleSetup(
         name="one",
         model="bluerov2_heavy",
@@ -534,7 +534,7 @@ def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() ->
     plant = plant_of(text)
     assert len(plant.effector_names[0]) == 5
     depth = DepthProfile(time=np.array([0.0, 40.0, 100.0]), depth=np.array([10.0, 10.0, 12.0]))
-    route = Route.pseudo_inverse_at("bend", [[0, 0], [50, 0], [100, 20], [160, 20]], 1.0, depth)
+    route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [160, 20]], 1.0, depth)
     setup = VehicleSetup(
         name="one", model=text, position_m=(0.0, 0.0, -10.0), heading_rad=np.pi / 2, speed_m_s=1.0
     )
@@ -547,7 +547,7 @@ def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
     """The arc of the planned turn touches both legs: at a right angle its middle is (√2 − 1) R
     from the corner.
     """
-    route = Route.pseudo_inverse_at("corner", [[0, 0], [0, 100], [100, 100]], 1.0, 10.0)
+    route = Route.at_speed("corner", [[0, 0], [0, 100], [100, 100]], 1.0, 10.0)
     time, radius = np.arange(0.0, 200.0, 0.1), 25.0
     table = reference([route], time, [0.0], [radius])[:, 0]
     closest = np.hypot(table.east, table.north - 100.0).min()
@@ -561,7 +561,7 @@ def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
     )
     # hulls that turn faster, and routes without room for it, keep the turns of all
     assert reference([route], time, [0.0], [0.1]).tobytes() == reference([route], time).tobytes()
-    short = Route.pseudo_inverse_at("corners", [[0, 0], [0, 7], [7, 7], [7, 14]], 0.5, 10.0)
+    short = Route.at_speed("corners", [[0, 0], [0, 7], [7, 7], [7, 14]], 0.5, 10.0)
     assert reference([short], time, [0.0], [100.0]).tobytes() == reference([short], time).tobytes()
 
 
