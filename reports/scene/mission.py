@@ -373,6 +373,7 @@ def part_of(
         station = np.stack([places.east[slow], places.north[slow]], axis=-1)[first_slow:]
         packer.add("station", np.nan_to_num(station), 0.01)
     if hulls.effectors and truth.thrust.shape[2]:
+        # states of all kinds: thrust [N], of a propeller [1/s], of a fin [rad]
         packer.add("effector", truth.thrust[grid[first_row:]][:, :, hulls.effectors], 0.01, 1)
     messages = tuple(measurements.message_step.size for measurements in flight.measurements)
     return SceneUpdate(

@@ -400,27 +400,27 @@ def add_waves(
         k = rows[K, i]
         ex = rows[EAST, i]
         ey = rows[NORTH, i]
-        # horizontal velocity c and upward velocity s, times cosine and sine of the phase θ
-        c_cos = orbits[0, i]
-        c_sin = orbits[1, i]
-        s_cos = orbits[2, i]
-        s_sin = orbits[3, i]
+        # horizontal velocity H and upward velocity W, times cosine and sine of the phase θ
+        horizontal_cos = orbits[0, i]
+        horizontal_sin = orbits[1, i]
+        upward_cos = orbits[2, i]
+        upward_sin = orbits[3, i]
         axis_along = ax * ex + ay * ey
         rise = k * vz
         # of θ along the point's path [rad/s]
         rate = rows[KX, i] * vx + rows[KY, i] * vy - rows[FIXED_OMEGA, i]
 
-        ux += c_cos * ex
-        uy += c_cos * ey
-        uz += s_sin
-        change = s_cos * rise - c_sin * rate
+        ux += horizontal_cos * ex
+        uy += horizontal_cos * ey
+        uz += upward_sin
+        change = upward_cos * rise - horizontal_sin * rate
         dx += change * ex
         dy += change * ey
-        dz += s_cos * rate + c_sin * rise
+        dz += upward_cos * rate + horizontal_sin * rise
 
         # potential flow: within the sea the gradient is symmetric and has no trace
-        gh = -k * c_sin
-        gz = k * s_cos
+        gh = -k * horizontal_sin
+        gz = k * upward_cos
         gxx += gh * ex * ex
         gxy += gh * ex * ey
         gyy += gh * ey * ey
@@ -428,11 +428,11 @@ def add_waves(
         gyz += gz * ey
         gzz -= gh
 
-        # along the axis, the gradient is k (−c sin θ·along + s cos θ·az) horizontally and k (s cos
-        # θ·along + c sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p
+        # along the axis, the gradient is k (−H sin θ·along + W cos θ·az) horizontally and k (W cos
+        # θ·along + H sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p
         # those with z
-        p = k * (c_cos * axis_along + s_sin * az)
-        q = k * (s_sin * axis_along - c_cos * az)
+        p = k * (horizontal_cos * axis_along + upward_sin * az)
+        q = k * (upward_sin * axis_along - horizontal_cos * az)
         bh = -p * rate - q * rise
         bx += bh * ex
         by += bh * ey
@@ -440,10 +440,11 @@ def add_waves(
         cx += omega * p * ex
         cy += omega * p * ey
         cz += omega * q
-    (cxx, cxy, cxz), (cyx, cyy, cyz), (czx, czy, czz) = current.gradient
+    # j: gradient of the current
+    (jxx, jxy, jxz), (jyx, jyy, jyz), (jzx, jzy, jzz) = current.gradient
     gradient = (
-        (gxx + cxx, gxy + cxy, varies * gxz + cxz),
-        (gxy + cyx, gyy + cyy, varies * gyz + cyz),
-        (gxz + czx, gyz + czy, varies * gzz + czz),
+        (gxx + jxx, gxy + jxy, varies * gxz + jxz),
+        (gxy + jyx, gyy + jyy, varies * gyz + jyz),
+        (gxz + jzx, gyz + jzy, varies * gzz + jzz),
     )
     return Flow((ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz))

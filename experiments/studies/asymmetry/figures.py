@@ -474,11 +474,15 @@ def missions_values(
     """Values and functions of the page on missions: what pitch adds, and what remains of it with
     each remedy.
 
-    `titles` are the words for conditions and arms by their names.
+    `titles` are the words for conditions and arms by their names, `looks` the numbers of runs after
+    which verdicts on remedies are computed.
     """
     laisn_2_missions = select(missions, variant="laisn-2")
+    # missions on which pitch moves a noiseless fix far enough for remedies to be judged
     judged = select(laisn_2_missions, judged=True)
-    paired_verdicts = [
+    # on the broadcast of an attitude with an error of 0.5° in each message, held against a level
+    # leader that broadcasts its own with the same error
+    same_sensor_verdicts = [
         m.judge("error", findings.READINGS, looks, findings.LEVEL_BROADCAST).verdict for m in judged
     ]
     return {
@@ -488,8 +492,8 @@ def missions_values(
             panels=[excess_over_lever(laisn_2_missions)],
             legend=[(colour, CAUSES[cause]) for cause, colour in CAUSE_COLOURS.items()],
         ),
-        "missed_paired": paired_verdicts.count(findings.RemedyVerdict.MISSED),
-        "open_paired": paired_verdicts.count(findings.RemedyVerdict.OPEN),
+        "missed_same_sensor": same_sensor_verdicts.count(findings.RemedyVerdict.MISSED),
+        "open_same_sensor": same_sensor_verdicts.count(findings.RemedyVerdict.OPEN),
         "missions": missions,
         "conditions": list(dict.fromkeys(m.real["condition"] for m in missions)),
         "offsets_m": sorted({m.real["depth_offset_m"] for m in missions}),
@@ -500,6 +504,7 @@ def missions_values(
         "curves": curves,
         "deepest": fix_map.deepest_offset,
         "radians": np.deg2rad,
+        # scales τ of the random range error of the rear transmitter in the paper's Stage 4 [m]
         "stage_4_taus": findings.STAGE_4_TAU_M,
         "names": {"laisn-2": "LAISN-2", "laisn-3-2": "LAISN-3(2)"},
         "shown": lambda interval, spec: format(interval_finding(interval, ""), spec).replace(
@@ -525,6 +530,7 @@ def values(record: Findings, outcomes: Mapping[str, StudyResults]) -> dict[str, 
         "missions": columns_of(
             [{name: row[name] for name in row if name not in run_columns} for row in rows]
         ),
+        # errors over pitch and over τ, in which equal errors make a pitch and a τ equivalent
         "equivalents": columns_of([asdict(curve) for curve in curves]),
         "map": {name: column.astype(np.float32) for name, column in chart.items()},
     }

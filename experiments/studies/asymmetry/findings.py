@@ -449,6 +449,7 @@ def tau_equivalent(missions: Missions, curves: Sequence[Curve]) -> float:
 # open questions are distinguished by whether this number of runs would settle them
 SETTLING_RUNS = 100_000
 STAGE_4_TAU_M = (0.03, 0.06)
+"""τ_rear of the paper's Stage 4, in which the random range error of one transmitter is wider."""
 
 
 def _errors(missions: Missions) -> dict[str, Finding]:
