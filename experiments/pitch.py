@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind
 from laisn.fix import Pair, circles, pair_fix
-from laisn.geometry import Arms, Point, fore_offset, pitch_fix_error, sin_cos_of, turned_cosine
+from laisn.geometry import Arms, Point, fix_bearing_cosine, fore_offset, pitch_fix_error, sin_cos_of
 from laisn.messages import Ranges
 from laisn.settings import NavigationSettings, SideRule, Tuning
 from reports.figures import Line, Panel, error_bands, panel
@@ -116,7 +116,7 @@ class PitchGeometry:
         """Errors where the circles meet [m], NaN elsewhere (docs/asymmetry.md)."""
         pitch = math.radians(self.pitch_deg if pitch_deg is None else pitch_deg)
         point = (pitch, self.below, self.distance, np.radians(bearing_deg))
-        meets = np.abs(turned_cosine(*point)) <= 1.0
+        meets = np.abs(fix_bearing_cosine(*point)) <= 1.0
         return np.where(meets, pitch_fix_error(*point), np.nan)
 
     def on_axis_deg(self) -> list[tuple[float, float]]:

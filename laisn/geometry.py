@@ -228,7 +228,7 @@ def is_singular(variance_x: float | Floats, variance_y: float | Floats) -> Any:
     return 0.5 * (variance_x + variance_y) < SINGULAR_VARIANCE
 
 
-def turned_cosine(
+def fix_bearing_cosine(
     pitch: npt.ArrayLike,
     depth_offset: npt.ArrayLike,
     distance: npt.ArrayLike,
@@ -253,9 +253,9 @@ def pitch_fix_error(
     The follower is `depth_offset` below the leader and at a horizontal `distance` from it [m], at
     the `bearing` [rad] from its bow.
     """
-    turn_angle = np.arccos(
-        np.clip(turned_cosine(pitch, depth_offset, distance, bearing), -1.0, 1.0)
+    fix_bearing = np.arccos(
+        np.clip(fix_bearing_cosine(pitch, depth_offset, distance, bearing), -1.0, 1.0)
     )
     return np.asarray(
-        2.0 * np.asarray(distance) * np.sin(np.abs(turn_angle - np.arccos(np.cos(bearing))) / 2.0)
+        2.0 * np.asarray(distance) * np.sin(np.abs(fix_bearing - np.arccos(np.cos(bearing))) / 2.0)
     )

@@ -31,7 +31,7 @@ from sim.log.schema import (
     DETAILS,
     LINK,
     MEASURED,
-    PLACED_MEASURED,
+    MEASURED_AMONG_BEACONS,
     PLACES,
     ROUND_TRIP,
     SENSOR,
@@ -120,7 +120,7 @@ def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints
 def _measured_types(links: LinkSettings) -> tuple[RecordType, ...]:
     """Types of the channels of a follower's measurements."""
     link = navigated_link(links)
-    return MEASURED if link is None or link.places is None else PLACED_MEASURED
+    return MEASURED if link is None or link.places is None else MEASURED_AMONG_BEACONS
 
 
 def _kind_of_estimates(facts: Mapping[str, str], name: str) -> type[Estimates]:
@@ -248,7 +248,7 @@ def _leader_of(
     custom = _custom_readings(log, "leader", steps_ns, headers)
     measurements = Measurements(
         dt=dt,
-        **_record(log, "leader", PLACED_MEASURED if has_positions else MEASURED, steps_ns),
+        **_record(log, "leader", MEASURED_AMONG_BEACONS if has_positions else MEASURED, steps_ns),
         links=_links(log, "leader", steps_ns, headers, offsets),
         custom=custom,
         sensors=_headers_of(custom, headers),

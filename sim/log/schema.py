@@ -266,7 +266,7 @@ POSITION_ERROR = RecordType(name="PositionError", topic="error", columns=_number
 """Of the leader's own estimate: it has no bearing from itself."""
 MEASURED = (OWN_MOTION, RECEPTION)
 """Channels of a follower's measurements; the first has a message at every filter step."""
-PLACED_MEASURED = (OWN_MOTION, BEACON_RECEPTION)
+MEASURED_AMONG_BEACONS = (OWN_MOTION, BEACON_RECEPTION)
 """The same where the transmitters are beacons."""
 SENSORS = "sensors"
 """Metadata record with the channels and the rates of further sensors by their names."""

@@ -89,7 +89,7 @@ def film_reference(file: str, video: Video) -> dict[str, str]:
 
 
 class Event(NamedTuple):
-    """A line of `/log` that does not follow from the flight itself, such as a mirror lock."""
+    """A line of `/log`, such as the kind of a fix, a mirror lock, or how the flight ended."""
 
     time_s: float
     level: Level
@@ -320,7 +320,7 @@ def _of_vehicle(
     m, e = record
     before = _steps_before(flight)
     time_ns = _step_times(flight, m, clock)
-    measured = schema.MEASURED if m.transmitters is None else schema.PLACED_MEASURED
+    measured = schema.MEASURED if m.transmitters is None else schema.MEASURED_AMONG_BEACONS
     # arrays, and the types of the channels that hold them
     records: list[tuple[Any, Any]] = [(m, measured)]
     if e is not None:
@@ -587,7 +587,7 @@ class FlightLog:
         self._partial = partial_path(path)
         self._video = video
         self._file: BlockFile | None = None
-        self._hulls: VisibleHulls | None = None
+        self._hulls: VisibleHulls | None = None  # compiled once, for all parts
         self._written_ns = 0  # all before this time since 1970 is in the file
         self._written_s = 0.0  # the same since the start
         self.ended = False

@@ -255,6 +255,7 @@ class SensorDriver:
     def draws(self, seed: int, run: int, follower: int, steps: Ints) -> Floats:
         """Standard normals of its readings at filter steps, shape (n, normals)."""
         stream = noise.STREAMS * follower + self.sensor.stream
+        # a block has two normals of each step
         blocks = [
             noise.normals(seed, run, stream, steps, block)
             for block in range(max(math.ceil(self._normals / 2), 1))

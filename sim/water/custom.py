@@ -79,7 +79,7 @@ class CustomCaller:
     """Calls an object's `velocity` for compiled code, as long as it lives.
 
     Attributes:
-        record: the current, for compiled code.
+        compiled_current: the current, for compiled code.
     """
 
     def __init__(self, current: VelocityField) -> None:
@@ -90,7 +90,7 @@ class CustomCaller:
         self._function = _FUNCTION(self._answer)
         address = ctypes.cast(self._function, ctypes.c_void_p).value
         assert address is not None  # of a function that is there
-        self.record = CustomCurrent(address, self._memory)
+        self.compiled_current = CustomCurrent(address, self._memory)
 
     def _velocity(self, position: Floats, time: float) -> Floats:
         with calling(f"current {self._kind}: velocity"):

@@ -68,7 +68,7 @@ class Ocean:
         surface_current = (0.0, 0.0)
         current = self.current
         if self.custom is not None:
-            current = self.custom.record
+            current = self.custom.compiled_current
         elif current is None:
             current = self._sheared_current()
             surface_current = current.surface

@@ -50,6 +50,9 @@ BEACON_SETTINGS = {
 }
 """The navigator among beacons as it is, from an unknown start, without some of its states, and
 with a scale of ranges that is known better.
+
+In the medium "air" defaults are those for radio ranges on land; where no medium is given, the
+navigator also tries those for sound under water, and takes what makes the ranges likelier.
 """
 
 
@@ -61,9 +64,9 @@ HULL_SETTINGS = TightSettings(
     heading_sigma=float(np.deg2rad(0.1)),
     heading_bias_sigma=float(np.deg2rad(5.0)),
     range_sigma=0.5,
-    range_scale_bias_sigma=3.0,
-    outlier_span=20.0,
-    slip=0.05,
+    range_scale_bias_sigma=3.0,  # of the scale error, at the longest range of a message [m]
+    outlier_span=20.0,  # how much longer than the distance a wrong range may be [m]
+    slip=0.05,  # random walk that odometry does not see [m/√s]
 )
 """Settings of the tightly coupled navigator that is made for transmitters on a leader's hull, for
 the quality of these sensors.

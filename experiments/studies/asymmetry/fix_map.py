@@ -19,7 +19,7 @@ from scipy.optimize import bisect
 from laisn import lanes
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.geometry import pitch_fix_error, turned_cosine
+from laisn.geometry import fix_bearing_cosine, pitch_fix_error
 from laisn.lanes import LANES
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
@@ -33,7 +33,8 @@ MAP_GRID: Grid = {
 """Pitch of the leader, nose up; depth of the follower below it, horizontal distance, and bearing
 off the bow.
 """
-_PREDICTION_SIGMA_M = 1000.0  # far above every σp, so that the fix decides
+# far above the confidence parameter σp of every fix, so that the fix decides
+_PREDICTION_SIGMA_M = 1000.0
 _MAX_DEPTH_OFFSET_M = 50.0
 
 
@@ -42,7 +43,7 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
     3), [m].
 
     `points`: pitch [rad], depth offset [m], range [m], bearing [rad], shape (n, 4); `hull`:
-    baseline, middle offset [m].
+    baseline, offset of the middle transmitter to port [m].
     """
     pitch, depth_offset, distance, bearing = points.T
     zero = np.zeros_like(pitch)
@@ -60,6 +61,9 @@ def slant_ranges(points: Floats, hull: tuple[float, float]) -> Floats:
 
 @compiled
 def _sweep(points: Floats, ranges: Floats, t: Tuning, error: Floats) -> None:
+    """Write to `error` what `sweep` gives: each lane of a block starts at the origin, at rest, and
+    gets the message of one point at step 1.
+    """
     for first in range(0, points.shape[0], LANES):
         block = lanes.new_block(np.zeros((1, 4)), t)
         for lane in range(LANES):
@@ -97,7 +101,7 @@ def sweep(points: Floats, settings: NavigationSettings) -> Floats:
 
 def closed_form_error(*point: npt.ArrayLike) -> Floats:
     """As `pitch_fix_error`, but NaN where the circles do not meet."""
-    return np.where(np.abs(turned_cosine(*point)) <= 1.0, pitch_fix_error(*point), np.nan)
+    return np.where(np.abs(fix_bearing_cosine(*point)) <= 1.0, pitch_fix_error(*point), np.nan)
 
 
 def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
