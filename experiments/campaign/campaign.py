@@ -6,7 +6,6 @@ stored. A mission is flown once and serves all its cells. A campaign that was ki
 it stopped and gives the same results.
 """
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -420,8 +419,7 @@ def fly(
     cluster = options.get("cluster")
     quiet = options.get("quiet", False)
     plugins = options.get("plugins") or plugins_version(refresh=True)
-    cores = len(os.sched_getaffinity(0))
-    pool = Pool(cores if workers is None else workers, cluster, plugins=plugins)
+    pool = Pool(workers, cluster, plugins=plugins)
     store = Store(folder, force=options.get("force", False))
     campaign = _Campaign.of(cells, tasks, facts, store)
     threads = 1

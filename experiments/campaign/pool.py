@@ -31,14 +31,16 @@ class Pool:
     """A pool of `size` local processes, or of the workers of the Dask scheduler at an address; use
     it as a context.
 
-    With one local worker everything is computed in this process. `plugins` is the version of the
-    plugins of which the keys of results were made, by default of those that there are. LaisnError
-    if there is no worker, or the cluster cannot be used.
+    `workers` None is one for each core. With one local worker everything is computed in this
+    process. `plugins` is the version of the plugins of which the keys of results were made, by
+    default of those that there are. LaisnError if there is no worker, or the cluster cannot be
+    used.
     """
 
     def __init__(
-        self, workers: int, cluster: str | None = None, *, plugins: str | None = None
+        self, workers: int | None, cluster: str | None = None, *, plugins: str | None = None
     ) -> None:
+        workers = len(os.sched_getaffinity(0)) if workers is None else workers
         if workers < 1:
             raise LaisnError(f"workers is {workers}, expected at least 1")
         self.size = workers

@@ -4,13 +4,15 @@ flown.
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 from experiments.campaign.plans import disturbance_of
+from experiments.campaign.pool import Pool
 from experiments.campaign.progress import progress
 from experiments.campaign.store import key_of
 from experiments.flight.library import missing_extras, table_of, text_of
@@ -18,7 +20,7 @@ from experiments.study.design import follows_run, is_number, is_rule, points_of,
 from experiments.study.file import ARM as ARM
 from experiments.study.file import CASE, ONLY_ARM, SCENARIO, Study, refusal
 from experiments.study.measure import METRICS, MISSION_METRICS
-from laisn.errors import LaisnError
+from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from sim.feasibility import engine_errors, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
@@ -32,6 +34,8 @@ MAX_ENTRIES = 200_000
 _READINGS = re.compile(r"(acoustics|sensors)\.(?!custom|own)")
 """Keys that change what sensors read, but neither motion nor feasibility."""
 _PROGRESS_FROM = 1000  # least number of scenarios whose planning shows progress
+_PARALLEL_FROM = 2000  # least number of scenarios that several processes plan
+_BATCH = 200  # scenarios that a process plans before it reports: half a second
 MAX_RUNS = 2**31 - LANES
 
 
@@ -242,6 +246,24 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: PlanEntry) -> lis
     return [f"  arm {entry.arm}: {text}" for text in errors]
 
 
+class _Place(NamedTuple):
+    """Where in the design of a study a scenario is."""
+
+    order: int  # number among all scenarios of the plan
+    point_index: int  # into `StudyPlan.points`
+    point: Mapping[str, Any]
+    arm: str
+    realization: int
+
+
+class _Examined(NamedTuple):
+    """What came of a scenario."""
+
+    place: _Place
+    entry: PlanEntry | None  # None: it is invalid
+    errors: Sequence[str]  # a line for each
+
+
 class _Examination:
     """Examines the scenarios of a study one after the other; what many have in common is computed
     and kept once.
@@ -250,24 +272,16 @@ class _Examination:
     def __init__(self, study: Study, tables: Mapping[str, Mapping[str, Any]]) -> None:
         self.study = study
         self.tables = tables  # content of the scenarios' files, by the names of the scenarios
-        self.entries = list[PlanEntry]()  # those that are valid
-        self.total = 0  # scenarios that were examined
-        self._places_of = dict[str, list[str]]()  # where in the design each error is, by its line
         # by name and settings, without those that neither motion nor feasibility depends on
         self._infeasibilities_of = dict[str, list[str]]()
         self._motion_keys = dict[str, str]()  # keys of motions, likewise
-        self._sections = dict[tuple[str, Section], Section]()
         self._drawn = cache(self._draw)
 
-    def examine(
-        self, point_index: int, point: Mapping[str, Any], arm: str, realization: int
-    ) -> None:
-        """Examine a scenario of the study, that of a point of its design, an arm and a realization:
-        what is valid is added to `entries`, errors are kept for `error_lines`.
-        """
-        self.total += 1
+    def examine(self, place: _Place) -> _Examined:
+        """The entry of a scenario, or its errors."""
+        point, arm = place.point, place.arm
         name = point.get(SCENARIO, next(iter(self.tables)))
-        settings, columns, lines = _resolved(self._settings(name, point, arm, realization))
+        settings, columns, lines = _resolved(self._settings(name, point, arm, place.realization))
         motion_settings = {
             key: value for key, value in settings.items() if not _READINGS.match(key)
         }
@@ -278,33 +292,32 @@ class _Examination:
         )
         scenario, errors = scenario_or_errors(changed, partial(self._infeasibilities, motion_text))
         lines += invalid + errors
-        if scenario is not None and not lines:
-            engine = self._engine(MotionSettings.of(scenario), changed, settings)
-            if engine != scenario.timing.engine:
-                settings["timing.engine"] = engine
-                timing = scenario.timing.model_copy(update={"engine": engine})
-                scenario = scenario.model_copy(update={"timing": timing})
-            lines += engine_errors(MotionSettings.of(scenario))
-        if scenario is not None and not lines:
-            if motion_text not in self._motion_keys:
-                self._motion_keys[motion_text] = key_of(MotionSettings.of(scenario))
-            run = scenario.run + point_index * self.study.file.runs_apart
-            entry = PlanEntry(
-                point=point_index,
-                arm=arm,
-                realization=realization,
-                settings=settings,
-                source=self.study.scenarios[name],
-                scenario=scenario.model_copy(update={**self._shared(dict(scenario)), "run": run}),
-                motion_key=self._motion_keys[motion_text],
-                measured=columns,
-            )
-            self.entries.append(entry)
-            lines += _arm_errors(self.study, point, entry)
+        if scenario is None or lines:
+            return _Examined(place, None, lines)
+        motion = MotionSettings.of(scenario)
+        engine = self._engine(motion, changed, settings)
+        if engine != scenario.timing.engine:
+            settings["timing.engine"] = engine
+            timing = scenario.timing.model_copy(update={"engine": engine})
+            scenario = scenario.model_copy(update={"timing": timing})
+            motion = MotionSettings.of(scenario)
+        lines = engine_errors(motion)
         if lines:
-            where = self._where(point, arm, realization)
-            for line in lines:
-                self._places_of.setdefault(line, []).append(where)
+            return _Examined(place, None, lines)
+        if motion_text not in self._motion_keys:
+            self._motion_keys[motion_text] = key_of(motion)
+        run = scenario.run + place.point_index * self.study.file.runs_apart
+        entry = PlanEntry(
+            point=place.point_index,
+            arm=arm,
+            realization=place.realization,
+            settings=settings,
+            source=self.study.scenarios[name],
+            scenario=scenario.model_copy(update={"run": run}),
+            motion_key=self._motion_keys[motion_text],
+            measured=columns,
+        )
+        return _Examined(place, entry, _arm_errors(self.study, point, entry))
 
     def _engine(
         self, motion: MotionSettings, table: Mapping[str, Any], settings: Mapping[str, Any]
@@ -321,16 +334,6 @@ class _Examination:
         if "engine" in table.get("timing", {}):
             return motion.engine
         return "mujoco" if engine_errors(replace(motion, engine="direct")) else "direct"
-
-    def error_lines(self) -> list[str]:
-        """A line for each error, and where it is unless all scenarios have it."""
-        lines = []
-        for line, places in self._places_of.items():
-            where = ""
-            if len(places) < self.total:
-                where = f"; in {len(places)} of {self.total} scenarios, first at {places[0]}"
-            lines.append(line + where)
-        return lines
 
     def _settings(
         self, name: str, point: Mapping[str, Any], arm: str, realization: int
@@ -364,28 +367,105 @@ class _Examination:
             self._infeasibilities_of[motion_text] = lines
         return self._infeasibilities_of[motion_text]
 
-    def _shared(self, keys: Mapping[str, Any]) -> dict[str, Section]:
-        """Sections among the keys of a scenario as others have them: ten thousand scenarios differ
-        in few, and share all others in memory.
-        """
-        return {
-            name: self._sections.setdefault((name, value), value)
-            for name, value in keys.items()
+
+class _Sections:
+    """Sections of scenarios, each kept once: ten thousand scenarios differ in few, and share all
+    others in memory.
+    """
+
+    def __init__(self) -> None:
+        self._kept = dict[tuple[str, Section], Section]()
+
+    def shared(self, outcome: _Examined) -> _Examined:
+        """What came of a scenario, with sections that others have, too."""
+        entry = outcome.entry
+        if entry is None:
+            return outcome
+        sections = {
+            name: self._kept.setdefault((name, value), value)
+            for name, value in dict(entry.scenario).items()
             if isinstance(value, Section) and not getattr(value, "custom", None)
         }
-
-    def _where(self, point: Mapping[str, Any], arm: str, realization: int) -> str:
-        parts = [f"{key} = {text_of(value)}" for key, value in point.items()]
-        if self.study.arms:
-            parts.append(f"arm {arm}")
-        if self.study.file.realizations > 1:
-            parts.append(f"realization {realization}")
-        return ", ".join(parts)
+        scenario = entry.scenario.model_copy(update=sections)
+        return outcome._replace(entry=replace(entry, scenario=scenario))
 
 
-def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
+def _examined_batch(
+    study: Study, tables: Mapping[str, Mapping[str, Any]], batch: Sequence[_Place]
+) -> tuple[list[_Examined], list[str]]:
+    """What came of some scenarios, and the warnings that it gave; of a process beside others."""
+    examination = _Examination(study, tables)
+    sections = _Sections()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        examined = [examination.examine(place) for place in batch]
+    # what entries share travels once
+    return [*map(sections.shared, examined)], [str(warning.message) for warning in caught]
+
+
+def _examined(
+    study: Study,
+    tables: Mapping[str, Mapping[str, Any]],
+    places: Sequence[_Place],
+    workers: int | None,
+    advance: Callable[[int], None],
+) -> Iterator[_Examined]:
+    """What came of scenarios, in any order; of many, `workers` processes examine the most."""
+    # scenarios that move alike, which have most in common, are neighbours
+    ordered = sorted(places, key=lambda place: (place.realization, place.order))
+    # this process compiles with the first ones what all need
+    alone = _BATCH if workers != 1 and len(ordered) >= _PARALLEL_FROM else len(ordered)
+    examination = _Examination(study, tables)
+    for place in ordered[:alone]:
+        yield examination.examine(place)
+        advance(1)
+    if alone == len(ordered):
+        return
+    batches = [ordered[i : i + _BATCH] for i in range(alone, len(ordered), _BATCH)]
+    with Pool(workers) as pool:
+        for examined, texts in pool.each(
+            _examined_batch, ((study, tables, batch) for batch in batches)
+        ):
+            for text in texts:
+                warnings.warn(text, LaisnWarning, stacklevel=2)
+            yield from examined
+            advance(len(examined))
+
+
+def _where(study: Study, place: _Place) -> str:
+    """Where in the design a scenario is, in words."""
+    parts = [f"{key} = {text_of(value)}" for key, value in place.point.items()]
+    if study.arms:
+        parts.append(f"arm {place.arm}")
+    if study.file.realizations > 1:
+        parts.append(f"realization {place.realization}")
+    return ", ".join(parts)
+
+
+def _error_lines(study: Study, examined: Sequence[_Examined]) -> list[str]:
+    """A line for each error, and where it is unless all scenarios have it."""
+    places_of = dict[str, list[_Place]]()  # with this error, in order
+    for outcome in examined:
+        for line in outcome.errors:
+            places_of.setdefault(line, []).append(outcome.place)
+    lines = []
+    for line, places in places_of.items():
+        where = ""
+        if len(places) < len(examined):
+            where = (
+                f"; in {len(places)} of {len(examined)} scenarios, first at "
+                f"{_where(study, places[0])}"
+            )
+        lines.append(line + where)
+    return lines
+
+
+def plan_of(study: Study, *, quiet: bool = True, workers: int | None = 1) -> StudyPlan:
     """Plan a study; StudyError has a line for each error of report, design and scenarios, and
     where it is.
+
+    `workers` processes plan many scenarios, one for each core if None; the plan does not depend on
+    it.
     """
     lines = _report_errors(study)
     realizations = range(study.file.realizations)
@@ -406,18 +486,26 @@ def plan_of(study: Study, *, quiet: bool = True) -> StudyPlan:
         lines.append(f"  scenario: {error}")
     if lines:
         raise refusal(study.source, lines)
-    total = len(realizations) * sum(len(study.arms_at(point)) for point in points)
-    examination = _Examination(study, tables)
+    places = [
+        _Place(0, index, point, arm, realization)
+        for index, point in enumerate(points)
+        for arm, realization in product(study.arms_at(point), realizations)
+    ]
+    places = [place._replace(order=order) for order, place in enumerate(places)]
+    total = len(places)
+    sections = _Sections()
     with progress("scenarios", total, quiet=quiet or total < _PROGRESS_FROM) as advance:
-        for point_index, point in enumerate(points):
-            for arm, realization in product(study.arms_at(point), realizations):
-                examination.examine(point_index, point, arm, realization)
-                advance(1)
-    errors = _number_errors(study, examination.entries) + examination.error_lines()
+        examined = [
+            sections.shared(outcome)
+            for outcome in _examined(study, tables, places, workers, advance)
+        ]
+    examined.sort(key=lambda outcome: outcome.place.order)
+    entries = [outcome.entry for outcome in examined if outcome.entry]
+    errors = _number_errors(study, entries) + _error_lines(study, examined)
     if errors:
         raise refusal(study.source, errors)
     arms = tuple(study.arms or [ONLY_ARM])
-    return StudyPlan(study=study, points=points, arms=arms, entries=examination.entries)
+    return StudyPlan(study=study, points=points, arms=arms, entries=entries)
 
 
 def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:

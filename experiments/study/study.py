@@ -110,7 +110,7 @@ def _cost(plan: StudyPlan, workers: int) -> tuple[float, float]:
 def effort_text(study: Study, workers: int) -> str:
     """The size of a study, and what it would take if nothing were stored."""
     begin = perf_counter()
-    plan = plan_of(study, quiet=False)
+    plan = plan_of(study, quiet=False, workers=workers)
     seconds = perf_counter() - begin
     runs = study.runs
     cells = sum(len(entry.scenario.followers) for entry in plan.entries)
@@ -305,7 +305,9 @@ def run_studies(
         for title, reason in left_out.items():
             warnings.warn(f"left out: {title}, which {reason}", LeftOut, stacklevel=2)
         studies = installed(studies)
-    plans = [plan_of(study, quiet=options.get("quiet", False)) for study in studies.values()]
+    quiet = options.get("quiet", False)
+    workers = options.get("workers")
+    plans = [plan_of(study, quiet=quiet, workers=workers) for study in studies.values()]
     results = fly_until_narrow(plans, folder, **options)
     _require_flown(results, package)
     outcomes = dict(zip(studies, results, strict=True))
