@@ -11,15 +11,18 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
+from io import BytesIO
 from itertools import chain
 from pathlib import Path
 from types import FunctionType
 from typing import Any
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.lib.format import read_array, write_array
 from pydantic_core import to_jsonable_python
 
 from experiments.result_files import FLIGHT_FILE, STUDY_FILE
@@ -33,8 +36,11 @@ Record = dict[str, Any]  # a row: plain values by column
 Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
 Result = tuple[str, Any, Arrays]  # key, JSON value and arrays of a result that is stored
 
-_RECORD = "record"
+_RECORD = "record.json"
 _COLUMNS = "columns"
+_MOST_IN_RECORD = (
+    200  # numbers of columns that are written as JSON, which takes a tenth of the time
+)
 
 
 class DamagedResult(LaisnWarning):
@@ -172,7 +178,7 @@ class Store:
         remove_unfinished(self._results)
 
     def path(self, key: str) -> Path:
-        return self._results / f"{key}.npz"
+        return self._results / f"{key}.zip"
 
     def get(self, key: str) -> tuple[Any, Arrays] | None:
         """What `put` stored under a key; None if it must be computed, with a warning if it is
@@ -181,18 +187,22 @@ class Store:
         if self._force and key not in self.written:
             return None
         try:
-            with self.path(key).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-                if damaged := archive.zip.testzip():
-                    raise ValueError(f"wrong checksum of {damaged}")
-                arrays = dict(archive)
+            with ZipFile(self.path(key)) as archive:
+                # to read the whole of a member compares its checksum
+                members = {name: archive.read(name) for name in archive.namelist()}
             # ten thousand records share the names of their columns in memory
-            stored_key, names, record = json.loads(
-                arrays.pop(_RECORD).tobytes(),
+            stored_key, names, record, columns = json.loads(
+                members.pop(_RECORD),
                 object_pairs_hook=lambda pairs: {sys.intern(k): v for k, v in pairs},
             )
-            if _COLUMNS in arrays:
-                table = arrays.pop(_COLUMNS)
-                arrays |= {name: table[name].copy() for name in table.dtype.names or ()}
+            arrays = {name: np.array(values, kind) for name, (kind, values) in columns.items()}
+            for name, content in members.items():
+                values = read_array(BytesIO(content), allow_pickle=False)
+                arrays |= (
+                    {column: values[column].copy() for column in values.dtype.names or ()}
+                    if name == _COLUMNS
+                    else {name: values}
+                )
             if (stored_key, names) != (key, [*arrays]):
                 raise ValueError("it lacks arrays, or is another result's")
             return record, arrays
@@ -214,18 +224,25 @@ class Store:
         """Store a JSON value, in which NumPy's numbers and arrays become plain, and arrays by
         name.
         """
-        text = json.dumps([key, [*arrays], record], default=lambda value: value.tolist()).encode()
-        content: dict[str, Any] = {_RECORD: np.frombuffer(text, dtype=np.uint8)}
-        if {values.ndim for values in arrays.values()} == {1} and len(
-            {*map(len, arrays.values())}
-        ) == 1:
-            # lists over runs as one array: a dozen take two to three times as long to write and to
-            # read
-            content[_COLUMNS] = np.rec.fromarrays([*arrays.values()], names=[*arrays])  # type: ignore[call-overload]
-        else:
-            content |= arrays
+        columns: dict[str, Any] = {}
+        members: dict[str, npt.NDArray[Any]] = dict(arrays)
+        if {values.ndim for values in arrays.values()} == {1}:
+            sizes = [*map(len, arrays.values())]
+            if sum(sizes) <= _MOST_IN_RECORD:
+                columns = {name: [v.dtype.str, v.tolist()] for name, v in arrays.items()}
+                members = {}
+            elif len({*sizes}) == 1:
+                # lists over runs as one array: a dozen take two to three times as long to write
+                # and to read
+                names = [*arrays]
+                members = {_COLUMNS: np.rec.fromarrays([*arrays.values()], names=names)}  # type: ignore[call-overload]
+        text = json.dumps([key, [*arrays], record, columns], default=lambda value: value.tolist())
         # what a power failure cuts is found by its checksum, and computed again
         path = self.path(key)
-        with atomic_open(path, durable=False) as unfinished:
-            np.savez(unfinished, **content)
+        with atomic_open(path, durable=False) as unfinished, ZipFile(unfinished, "w") as archive:
+            # members without the time of day: same results, same bytes
+            archive.writestr(ZipInfo(_RECORD), text)
+            for name, values in members.items():
+                with archive.open(ZipInfo(name), "w", force_zip64=True) as file:
+                    write_array(file, np.asanyarray(values), allow_pickle=False)
         self.written.add(key)

@@ -7,6 +7,7 @@ import sys
 import warnings
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -115,6 +116,25 @@ def test_a_result_is_read_as_it_was_written(store: Store) -> None:
     assert store.get(OTHER) == ([{"array": [0.1, 0.2], "number": 0.3, "count": 4}], {})
 
 
+@pytest.mark.parametrize("runs", [1, 3, 400])
+def test_columns_are_read_as_they_were_written(store: Store, runs: int) -> None:
+    """Whether they are few numbers, many in columns of one length, or of several lengths."""
+    numbers = np.random.default_rng(runs).normal(size=runs)
+    columns: Arrays = {
+        "run": np.arange(runs, dtype=np.int64),
+        "e_p_mean_m": numbers,
+        "share": numbers.astype(np.float32),
+        "mirror_locked": numbers > 0.0,
+        "unknown": np.full(runs, np.nan),
+        "endless": np.full(runs, -np.inf),
+        "smallest": np.full(runs, 5e-324),
+    }
+    for arrays in (columns, columns | {"time_s": np.arange(runs + 300.0)}):
+        store.put(OTHER, RECORD, arrays)
+        assert content(store.get(OTHER)) == content((RECORD, arrays))
+        assert [*(store.get(OTHER) or ({}, {}))[1]] == [*arrays]
+
+
 def test_the_same_result_gives_the_same_bytes(store: Store) -> None:
     first = store.path(KEY).read_bytes()
     store.put(KEY, RECORD, ARRAYS)
@@ -179,7 +199,7 @@ def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
     for child in children:
         _, words = child.communicate(timeout=300)
         assert child.returncode == 0, words
-    assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.npz", "campaign.json", "store"]
+    assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.zip", "campaign.json", "store"]
 
 
 def test_a_full_disk_names_the_file_that_had_no_room(
@@ -191,7 +211,7 @@ def test_a_full_disk_names_the_file_that_had_no_room(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     store = Store(tmp_path)
-    monkeypatch.setattr(np, "savez", full)
+    monkeypatch.setattr(ZipFile, "writestr", full)
     with pytest.raises(OSError, match="No space left") as caught:
         store.put("a", {}, {})
     assert caught.value.filename == str(store.path("a"))

@@ -59,14 +59,14 @@ def test_what_killed_workers_left_half_written_is_removed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object, **__: object) -> None:
-        (tmp_path / "store" / ".a.npz.1234.part").touch()
+        (tmp_path / "store" / ".a.zip.1234.part").touch()
         raise KeyboardInterrupt
 
     monkeypatch.setattr(campaign, "run_jobs", interrupted)
     with pytest.raises(KeyboardInterrupt):
         flown(tmp_path, 2)
     assert [*(tmp_path / "store").iterdir()] == []
-    (tmp_path / "store" / ".b.npz.1234.part").touch()
+    (tmp_path / "store" / ".b.zip.1234.part").touch()
     Store(tmp_path)
     assert [*(tmp_path / "store").iterdir()] == []
 

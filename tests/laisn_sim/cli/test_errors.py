@@ -181,7 +181,7 @@ def test_a_damaged_result_is_reported_in_one_line(
 ) -> None:
     def warn(*_: object, **__: object) -> SimpleNamespace:
         warnings.warn(
-            "store/a.npz cannot be read and is computed again: it is empty",
+            "store/a.zip cannot be read and is computed again: it is empty",
             DamagedResult,
             stacklevel=2,
         )
@@ -190,5 +190,5 @@ def test_a_damaged_result_is_reported_in_one_line(
     monkeypatch.setattr("experiments.study.study.run", warn)
     result = CliRunner().invoke(app, ["reproduce"])
     assert result.exit_code == 0
-    assert result.stderr == "laisn: store/a.npz cannot be read and is computed again: it is empty\n"
+    assert result.stderr == "laisn: store/a.zip cannot be read and is computed again: it is empty\n"
     assert result.stdout == f"report in {tmp_path}\n"

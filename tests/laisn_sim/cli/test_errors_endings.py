@@ -298,7 +298,7 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
         text=True,
         start_new_session=True,
     )
-    while child.poll() is None and not list(tmp_path.glob("out/store/*.npz")):
+    while child.poll() is None and not list(tmp_path.glob("out/store/*.zip")):
         time.sleep(0.01)
     os.killpg(child.pid, signal.SIGINT)
     printed, reported = child.communicate(timeout=60)
@@ -309,7 +309,7 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     ]
     assert lines == ["laisn: interrupted; finished files are kept, none is half-written"]
     assert not [
-        path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".npz", ".json", ""}
+        path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".zip", ".json", ""}
     ]
     until = time.monotonic() + 10.0
     while time.monotonic() < until and processes_of(child.pid):
