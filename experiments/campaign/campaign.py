@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
 from experiments.campaign import montecarlo
 from experiments.campaign.jobs import Job, Work, run_jobs
-from experiments.campaign.plans import CellPlan, Facts, compute
+from experiments.campaign.plans import CellPlan, Facts, compute, facts_key
 from experiments.campaign.pool import Pool
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
@@ -80,7 +80,14 @@ class CampaignResults:
     @cached_property
     def _facts_of(self) -> Callable[[str], list[Record]]:
         """Facts of a mission, which many cells share, by the key of its motion."""
-        return cache(lambda motion_key: self._stored(key_of(self.facts, motion_key))[0])
+
+        def read(motion_key: str) -> list[Record]:
+            if self.facts is None:
+                return []
+            records: list[Record] = self._stored(facts_key(self.facts, motion_key))[0]
+            return records
+
+        return cache(read)
 
     def cell(self, plan: CellPlan) -> tuple[Record, Arrays]:
         """The row of a cell with the facts of its mission, and its arrays over runs;
@@ -130,7 +137,7 @@ class _LaneMission(NamedTuple):
         """Keys of its results."""
         keys = [self.plan.motion_key] if self.keep_motion else []
         if facts:
-            keys.append(key_of(facts, self.plan.motion_key))
+            keys.append(facts_key(facts, self.plan.motion_key))
         return keys + _result_keys(self.batch)
 
 
@@ -156,7 +163,7 @@ def _mission_results(
     results: list[Result] = [(plan.motion_key, None, trajectory.arrays)]
     if facts:
         measured = facts(MotionSettings.of(plan.scenario), trajectory)
-        results.append((key_of(facts, plan.motion_key), measured, {}))
+        results.append((facts_key(facts, plan.motion_key), measured, {}))
     return results + compute(trajectory, batch)
 
 
@@ -239,7 +246,7 @@ class _Campaign:
 
     def facts_keys(self, motion_key: str) -> list[str]:
         """Key of the facts of a mission, by the key of its motion; none if none are measured."""
-        return [key_of(self.facts, motion_key)] if self.facts else []
+        return [facts_key(self.facts, motion_key)] if self.facts else []
 
     @property
     def is_one_long_mission(self) -> bool:

@@ -5,7 +5,7 @@ result.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pkgutil import resolve_name
 from typing import Any
 
@@ -19,7 +19,7 @@ from experiments.campaign.montecarlo import (
     histories,
     simulate,
 )
-from experiments.campaign.store import Arrays, Record, Result, key_of
+from experiments.campaign.store import Arrays, Record, Result, derived_key, key_of
 from laisn import metrics
 from laisn.errors import LaisnError
 from laisn.navigators import find
@@ -34,6 +34,16 @@ Facts = Callable[[MotionSettings, Trajectory], list[Record]]
 """A function that measures the facts of a mission, figures of its motion beside those of cells: a
 record for each follower.
 """
+
+
+@lru_cache(maxsize=8)
+def _version_of(facts: Facts) -> str:
+    return key_of(facts)
+
+
+def facts_key(facts: Facts, motion_key: str) -> str:
+    """Key of the facts of a mission, by the key of its motion."""
+    return derived_key(_version_of(facts), motion_key)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +101,7 @@ class CellPlan:
 
     @property
     def steps_key(self) -> str:
-        return key_of(self.key, "steps")
+        return derived_key(self.key, "steps")
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ Record = dict[str, Any]  # a row: plain values by column
 Arrays = dict[str, npt.NDArray[Any]]  # columns of a result, shape (n,) each
 Result = tuple[str, Any, Arrays]  # key, JSON value and arrays of a result that is stored
 
+_KEY_LENGTH = 24  # hexadecimal digits
 _RECORD = "record.json"
 _COLUMNS = "columns"
 _MOST_IN_RECORD = (
@@ -89,7 +90,12 @@ def key_of(*content: object) -> str:
             digest.update(plugin_digest(name).encode())
     for token in registered_tokens(text):
         digest.update(token.encode())
-    return digest.hexdigest()[:24]
+    return digest.hexdigest()[:_KEY_LENGTH]
+
+
+def derived_key(*keys: str) -> str:
+    """Key of what follows from results and functions of these keys."""
+    return hashlib.sha256(" ".join(keys).encode()).hexdigest()[:_KEY_LENGTH]
 
 
 def write_table(path: Path, columns: Mapping[str, Any] | Iterator[pa.Table]) -> None:

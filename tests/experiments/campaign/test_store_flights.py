@@ -25,7 +25,8 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
     [path] = (tmp_path / "store").iterdir()
     whole = path.read_bytes()
     if damage == "another archive":
-        np.savez(path, pose=flown.pose)
+        with path.open("wb") as file:
+            np.savez(file, pose=flown.pose)
     else:
         path.write_bytes(
             {"empty": b"", "garbage": b"PK no archive", "cut off": whole[: len(whole) // 2]}[damage]
