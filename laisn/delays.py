@@ -27,7 +27,7 @@ class Delays(NamedTuple):
     lag: Floats  # how long ago each arrived [s]; NaN where nothing was received
     # time since the message's timestamp without the ping's travel [s]: for so long a current has
     # carried leader and follower alike
-    age: Floats
+    drift_time: Floats
 
 
 def delays_of(message: LeaderMessage, ranges: Ranges, clock: float, settings: Settings) -> Delays:

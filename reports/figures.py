@@ -67,9 +67,9 @@ class Line:
     size: float = 2.4  # of marks [pt]
     opacity: float = 1.0
     name: str = ""  # what it is, shown with its values under the pointer
-    # lower and upper limits of y, or of x if `across`, drawn as bars
+    # lower and upper limits of y, or of x if `horizontal`, drawn as bars
     interval: tuple[Floats, Floats] | None = None
-    across: bool = False
+    horizontal: bool = False
     text: str = ""  # beside the last point
     text_position: str = "middle right"
     # of each point of a map, shape (n,), [s]: where the time cursor of linked panels stands
@@ -236,17 +236,17 @@ def panel(
 
 
 def marks(
-    findings: Sequence["Finding"], places: Floats, *, across: bool = False, **settings: Any
+    findings: Sequence["Finding"], places: Floats, *, horizontal: bool = False, **settings: Any
 ) -> Line:
     """Marks of n findings, with bars of their intervals: the finding is y over the places on the x
-    axis, shape (n,), or, if `across`, x beside the places on the y axis.
+    axis, shape (n,), or, if `horizontal`, x beside the places on the y axis.
     """
     value, low, high = np.array(
         [[np.nan if end is None else end for end in (f.number, f.low, f.high)] for f in findings],
         dtype=np.float64,
     ).T
-    x, y = (value, places) if across else (places, value)
-    return Line(x=x, y=y, size=4.5, interval=(low, high), across=across, **settings)
+    x, y = (value, places) if horizontal else (places, value)
+    return Line(x=x, y=y, size=4.5, interval=(low, high), horizontal=horizontal, **settings)
 
 
 def decimate(x: Floats, y: Floats, points: int = DRAWN_POINTS) -> tuple[Floats, Floats]:
@@ -327,7 +327,7 @@ def _y_values(lines: Sequence[Line]) -> list[Floats]:
     """Values of lines along the y axis, with the ends of their intervals."""
     values = [line.y for line in lines]
     for line in lines:
-        if line.interval is not None and not line.across:
+        if line.interval is not None and not line.horizontal:
             values += line.interval
     return values
 
@@ -412,9 +412,9 @@ def _trace(line: Line, points: int | None, is_position: bool) -> dict[str, Any]:
         else {"hoverinfo": "skip"}
     )
     if line.interval is not None:
-        centre = line.x if line.across else line.y
+        centre = line.x if line.horizontal else line.y
         low, high = (np.abs(limit - centre) for limit in line.interval)
-        trace["error_x" if line.across else "error_y"] = {
+        trace["error_x" if line.horizontal else "error_y"] = {
             "type": "data",
             "symmetric": False,
             "array": rounded_numbers(high),

@@ -354,7 +354,7 @@ def effect_bars(effects: Mapping[str, Interval]) -> Figures:
         marker="o",
         size=4.5,
         interval=(low, high),
-        across=True,
+        horizontal=True,
         name="share of variance",
     )
     words = [f"{label_of(name)}: {100 * effect.value:.0f} %" for name, effect in effects.items()]

@@ -73,7 +73,7 @@ class _Ping(NamedTuple):
     range: float  # slant range [m]
     longest: float  # longest range of the message [m]
     lag: float  # as of `Delays` [s]
-    age: float  # as of `Delays` [s]
+    drift_time: float  # as of `Delays` [s]
     water_velocity: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
     ahead: Floats  # unit vector of the heading by the compass, shape (2,)
 
@@ -88,7 +88,7 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
     scale = 1.0 + values.atDouble(common) / ping.longest
     ahead = rotation @ ping.ahead
     water_velocity = rotation @ ping.water_velocity - values.atDouble(log_bias) * ahead
-    displacement = ping.lag * water_velocity + ping.age * values.atPoint2(current)
+    displacement = ping.lag * water_velocity + ping.drift_time * values.atPoint2(current)
     for error_key in origin:
         displacement = displacement + values.atPoint2(error_key)
     rho, direction = slant(pose.translation(), ping.transmitter + np.append(displacement, 0.0))
@@ -98,7 +98,7 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
         jacobians[0] = np.array([[*by_position, heading_derivative]])
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
-        jacobians[3] = -scale * ping.age * direction[None]
+        jacobians[3] = -scale * ping.drift_time * direction[None]
         for i in range(len(origin)):
             jacobians[4 + i] = -scale * direction[None]
     return np.array([scale * rho - ping.range])
@@ -107,7 +107,7 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
 class FactorGraph(DeadReckoning):
     """Smooths a window of `lag` seconds at each message."""
 
-    KEEPS_READINGS = True
+    KEEPS_READINGS = True  # those of log and compass, for `_odometry`
     MOVES_TRANSMITTERS = False
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
@@ -187,7 +187,7 @@ class FactorGraph(DeadReckoning):
             keys.append(origin)
         ahead = np.array([np.sin(own.heading), np.cos(own.heading)])
         for i in received.tolist():
-            delays = float(self._delays.lag[i]), float(self._delays.age[i])
+            delays = float(self._delays.lag[i]), float(self._delays.drift_time[i])
             water_velocity = self._mean_speed.speed * ahead
             ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water_velocity, ahead)
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))

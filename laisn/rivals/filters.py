@@ -223,9 +223,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
             )
             if self.MOVES_TRANSMITTERS:
                 # as if each ping had left so much farther on, and had been received here and now
-                lag, age = self._delays
+                lag, drift_time = self._delays
                 transmitters[:, :2] += np.outer(lag, self._velocity_over_pings(own)) + np.outer(
-                    age, self.x[5:7]
+                    drift_time, self.x[5:7]
                 )
         ranges = np.where(np.isfinite(transmitters).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
@@ -390,7 +390,7 @@ class RangeFilter(DeadReckoning):
         H[:, 2] = lag * (directions @ ahead)
         H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
         if settings.assume.current:
-            H[:, 5:7] = -self._delays.age[received, None] * directions
+            H[:, 5:7] = -self._delays.drift_time[received, None] * directions
         axial = lag * (directions @ ahead)
         across = lag * (directions @ starboard)
         variance = self._mean_speed.variance(settings.dt, settings.speed_sigma)

@@ -8,7 +8,9 @@ so that particles are resampled in between (Neal, Statistics and Computing 11, 2
 drawn from a kernel that keeps their mean and covariance (Liu and West, in Sequential Monte Carlo
 Methods in Practice, 2001).
 
-Functions take `particles`, shape (N, 7), and `weights`, shape (N,), whose sum is 1.
+Functions take `particles`, shape (N, 7), and `weights`, shape (N,), whose sum is 1. The states of a
+particle are its place x, y, the biases b_v of the log, b_θ of the compass and b_r of the ranges
+(that of the longest), and the current c_x, c_y.
 """
 
 import math
@@ -188,7 +190,7 @@ class ParticleFilter(DeadReckoning):
     Gaussian of their moments.
     """
 
-    KEEPS_READINGS = True
+    KEEPS_READINGS = True  # those of log and compass, for `_odometry`
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`."""

@@ -260,9 +260,11 @@ class SpeedModes(OnlineNavigator[Estimates]):
         x = self.x[mode]
         course = heading - x[COMPASS_BIAS]
         ahead = np.array([math.sin(course), math.cos(course)])
+        # as if each ping had arrived here and now: over the lag, since it arrived, the vehicle has
+        # gone on; over the drift time the current has carried both vehicles
         moved_transmitters = transmitters.copy()
         moved_transmitters[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
-        moved_transmitters[:, :2] += np.outer(delays.age, x[CURRENT_EAST:])
+        moved_transmitters[:, :2] += np.outer(delays.drift_time, x[CURRENT_EAST:])
         H, innovation, R = range_measurement(self.settings, x, moved_transmitters, ranges)
         directions = H[:, :2].copy()
         R = R + variance * directions @ directions.T
@@ -272,7 +274,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
         across = directions[:, 0] * ahead[1] - directions[:, 1] * ahead[0]
         H[:, COMPASS_BIAS] = lag * x[SPEED] * across
         if self.settings.assume.current:
-            H[:, CURRENT_EAST:] = -delays.age[received, None] * directions
+            H[:, CURRENT_EAST:] = -delays.drift_time[received, None] * directions
         S = H @ self.P[mode] @ H.T + R
         self._update(mode, H, innovation, R)
         squared = float(innovation @ np.linalg.solve(S, innovation))

@@ -499,7 +499,7 @@ _NEGLIGIBLE_DELAY = 1e-3  # an arrival within this time is now [s]
 @compiled
 def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
     """Write into `signal` how long ago each ping arrived, `lag`, and for how long the current has
-    carried both vehicles, `age`; `late` is 1 if any of them counts, else 0.
+    carried both vehicles, `drift_time`; `late` is 1 if any of them counts, else 0.
     """
     signal.late = 0
     if not m.compensate_motion:
@@ -513,14 +513,14 @@ def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
     if signal.time == 0.0 or not last <= elapsed <= _LONGEST_DELAY:
         elapsed = last
     for i in range(m.transmitters):
-        signal.lag[i] = signal.age[i] = 0.0
+        signal.lag[i] = signal.drift_time[i] = 0.0
         if signal.ranges[i] == signal.ranges[i]:
             travel_time = m.sound_slowness * signal.ranges[i]
-            # over the lag, since it arrived, the follower has gone on; over the age, which begins
-            # with the message and not with this ping, the current has carried both vehicles
+            # over the lag, since it arrived, the follower has gone on; over the drift time, which
+            # begins with the message and not with this ping, the current has carried both vehicles
             signal.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
-            signal.age[i] = max(elapsed - travel_time, 0.0)
-            if signal.age[i] > _NEGLIGIBLE_DELAY:
+            signal.drift_time[i] = max(elapsed - travel_time, 0.0)
+            if signal.drift_time[i] > _NEGLIGIBLE_DELAY:
                 signal.late = 1
 
 

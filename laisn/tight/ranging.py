@@ -115,7 +115,8 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
     for j in range(count):
         i = w.used[j]
         lag = signal.lag[i]
-        # p is the place less (s̄ − b_v) Rot(b_θ) u · lag and c · age: h = ∂ρ/∂(b_v, b_θ, c), and h P
+        # p is the place less (s̄ − b_v) Rot(b_θ) u · lag and c · drift time: h = ∂ρ/∂(b_v, b_θ, c),
+        # and h P
         w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
         w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
         for h in range(m.states):
@@ -123,8 +124,8 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
                 P[k, LOG_BIAS, h] * w.row_log[i] + P[k, COMPASS_BIAS, h] * w.row_compass[i]
             )
         if m.current != ABSENT:
-            east = -signal.age[i] * w.row_x[i]
-            north = -signal.age[i] * w.row_y[i]
+            east = -signal.drift_time[i] * w.row_x[i]
+            north = -signal.drift_time[i] * w.row_y[i]
             for h in range(m.states):
                 w.gain[i, h] += P[k, m.current, h] * east + P[k, m.current + 1, h] * north
 
@@ -150,7 +151,7 @@ def _delay_covariance(
     if m.current != ABSENT:
         east = w.row_x[i] * w.gain[g, m.current]
         north = w.row_y[i] * w.gain[g, m.current + 1]
-        value -= signal.age[i] * (east + north)
+        value -= signal.drift_time[i] * (east + north)
     share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
     along_variance = m.speed_variance * share + _ACCELERATION_SIGMA * _ACCELERATION_SIGMA
     across_variance = m.heading_variance * (vx * vx + vy * vy)
@@ -217,8 +218,8 @@ def _linearise_range(
         qx -= signal.lag[i] * vx
         qy -= signal.lag[i] * vy
         if m.current != ABSENT:
-            qx -= signal.age[i] * x[k, m.current]
-            qy -= signal.age[i] * x[k, m.current + 1]
+            qx -= signal.drift_time[i] * x[k, m.current]
+            qy -= signal.drift_time[i] * x[k, m.current + 1]
     relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
     pxx = _relative_component(m, relative_cov_x, 0) - w.removed[0]
     pxy = _relative_component(m, relative_cov_x, 1) - w.removed[1]

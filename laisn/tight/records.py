@@ -92,11 +92,11 @@ class Signal(RecordFields):
     ranges: ByRange  # slant ranges [m]; NaN where nothing was received
     shift: float  # what b_L grows by at this message [rad]
     added_variance: float  # what the variance of b_L grows by [rad²]
-    late: int  # 1 if `lag` and `age` count
+    late: int  # 1 if `lag` and `drift_time` count
     lag: ByRange  # how long ago each ping arrived [s]
     # how long the current has carried both vehicles since the message, less the way of each ping
     # [s]
-    age: ByRange
+    drift_time: ByRange
     echo_span: float  # most by which the range of an echo exceeds the direct one [m]
 
 

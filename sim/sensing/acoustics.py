@@ -138,7 +138,8 @@ def site_at(
     """East, north and up of a site at a time that is known; at a later one, where it is last
     known [m].
 
-    `on_grid` is as of `Sound`: to hand over the whole of that takes longer than the rest.
+    `on_grid` is as of `Sound`: to hand over the whole of that takes longer than the rest. As a
+    `formula` this is inlined into compiled callers; a `jitable` is called.
     """
     if on_grid:
         i = round(_index_at(motion.begin, motion.last, time))

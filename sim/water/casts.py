@@ -25,7 +25,8 @@ class _Profiled(NamedTuple):
     title: str  # in a sentence
     plural: str
     unit: str
-    smallest: float  # bounds of the sea, and of the keys
+    # bounds in the sea, which keys of a scenario for the quantity have too
+    smallest: float
     largest: float
     digits: int  # in a report
 

@@ -132,15 +132,15 @@ def test_delays_by_hand() -> None:
     settings = TightSettings(ping_slot=0.2, sound_slowness=1.0 / 1500.0)
     message = LeaderMessage(10.0, 0.0, 0.0, 0.0, 1.0, 5.0)
     ranges = Ranges(15.0, np.nan, 30.0)
-    lag, age = delays_of(message, ranges, 11.0, settings)
+    lag, drift_time = delays_of(message, ranges, 11.0, settings)
     np.testing.assert_allclose(lag, [0.99, np.nan, 0.58])
-    np.testing.assert_allclose(age, [0.99, np.nan, 0.98])
+    np.testing.assert_allclose(drift_time, [0.99, np.nan, 0.98])
     # a clock that has nothing to do with the message's, or a message without a time: the last ping
     # is in just now
     for stated, clock in ((message, 9.0), (message, 1e9), (message._replace(timestamp=0.0), 3.0)):
-        lag, age = delays_of(stated, ranges, clock, settings)
+        lag, drift_time = delays_of(stated, ranges, clock, settings)
         np.testing.assert_allclose(lag, [0.41, np.nan, 0.0], atol=1e-12)
-        np.testing.assert_allclose(age, [0.41, np.nan, 0.40], atol=1e-12)
+        np.testing.assert_allclose(drift_time, [0.41, np.nan, 0.40], atol=1e-12)
 
 
 SIGMA = 0.5

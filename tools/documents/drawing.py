@@ -88,7 +88,7 @@ def _draw(axes: Axes, subplot: Subplot, points: int) -> None:
             alpha=line.opacity,
         )
         for k, (low, high) in enumerate(zip(*line.interval, strict=True) if line.interval else ()):
-            if line.across:
+            if line.horizontal:
                 ends = [low, high], [line.y[k]] * 2
             else:
                 ends = [line.x[k]] * 2, [low, high]

@@ -29,7 +29,7 @@ def picture(findings: Findings, conditions: Mapping[str, str]) -> Panel:
         marks(
             [findings[f"{key} {name}"] for name in conditions],
             places,
-            across=True,
+            horizontal=True,
             colour=colour,
             marker=marker,
             name=text,

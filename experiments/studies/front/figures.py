@@ -23,7 +23,7 @@ def picture(findings: Findings) -> Panel:
             [findings[f"station {arm} {case}"] for arm in study.ARMS],
             # three cases: above, on and below the row
             rows + 0.15 * (1 - i),
-            across=True,
+            horizontal=True,
             colour=SERIES[i],
             marker="o",
             name=title,

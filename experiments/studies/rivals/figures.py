@@ -33,7 +33,7 @@ def picture(findings: Findings) -> tuple[Panel, Legend]:
             marks(
                 errors,
                 places + 0.15 * (1.5 - i),
-                across=True,
+                horizontal=True,
                 colour=SERIES[i],
                 marker="o",
                 name=title,

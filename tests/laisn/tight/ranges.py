@@ -65,7 +65,7 @@ class Message:
     """By how much an echo may be longer."""
     lag: Floats
     """How long ago the pings arrived, of all three transmitters; 0 where all is prompt."""
-    age: Floats
+    drift_time: Floats
     """How long the current has acted since the message, less the way of the ping; likewise."""
     ahead: complex
     """Direction of the follower as its compass reads."""
@@ -105,10 +105,10 @@ def _delays(
     last = max(0.0, float((leaves + way).max()))
     since = watch.clock - time
     since = since if last <= since <= 5.0 else last
-    age = np.where(np.isinf(way), 0.0, np.maximum(since - way, 0.0))
+    drift_time = np.where(np.isinf(way), 0.0, np.maximum(since - way, 0.0))
     lag = np.where(np.isinf(way), 0.0, np.maximum(since - way - leaves, 0.0))
-    late = settings.compensate_motion and bool((age > 1e-3).any())
-    return late * lag, late * age
+    late = settings.compensate_motion and bool((drift_time > 1e-3).any())
+    return late * lag, late * drift_time
 
 
 def _largest_echo_excess(
@@ -165,7 +165,7 @@ def to_message(
     ranges = all_ranges[which]
     stated = message.position_sigma
     sigma = settings.leader_position_sigma if np.isnan(stated) else stated
-    lag, age = _delays(settings, watch, message.timestamp, all_ranges)
+    lag, drift_time = _delays(settings, watch, message.timestamp, all_ranges)
     return Message(
         message.timestamp,
         place,
@@ -180,7 +180,7 @@ def to_message(
             settings, message.depth, own.depth - settings.hydrophone_height, all_ranges
         ),
         lag,
-        age,
+        drift_time,
         complex(np.sin(own.heading), np.cos(own.heading)),
         watch.mean,
         watch.variance(settings),
@@ -217,8 +217,8 @@ def expected(
     residual, H, bent = np.empty(t), np.zeros((t, N)), []
     for j, (arm, i) in enumerate(zip(received.arms, received.which, strict=True)):
         s = rotation(c.x[LEADER] + turn) @ arm[:2]
-        lag, age = received.lag[i], received.age[i]
-        apart = q - s - lag * pair(v_own) - age * c.x[[EAST, NORTH]]
+        lag, drift_time = received.lag[i], received.drift_time[i]
+        apart = q - s - lag * pair(v_own) - drift_time * c.x[[EAST, NORTH]]
         rho = max(np.linalg.norm([*apart, arm[2]]), 0.01)
         J = np.array([[1.0, 0.0, s[1]], [0.0, 1.0, -s[0]]])
         g = J.T @ apart / rho
@@ -229,7 +229,7 @@ def expected(
         ahead = np.exp(1j * c.x[COMPASS]) * received.ahead
         H[j, LOG] += lag * (g[:2] @ pair(ahead))
         H[j, COMPASS] -= lag * (g[:2] @ pair(1j * v_own))
-        H[j, [EAST, NORTH]] -= age * g[:2]
+        H[j, [EAST, NORTH]] -= drift_time * g[:2]
         along, across = g[:2] @ pair(ahead), g[:2] @ pair(1j * ahead)
         slipped[j] = lag * along, lag * across
         if i > 0 and settings.assume.offsets:
@@ -310,7 +310,7 @@ def update_with_ranges(settings: TightSettings, v: float, c: Component, received
             again, about.turn, about.left = True, turn, left
     nearest = min((A @ received.ranges).tolist(), default=np.inf)
     erring = settings.leader_position_sigma + settings.leader_position_walk > 0.0
-    plain = not (c.shared or erring or received.age.any())
+    plain = not (c.shared or erring or received.drift_time.any())
     if len(A) > 1 and plain and nearest < 12.0 and clear_of_axis(settings, c, received):
         gain = np.linalg.solve(A @ S @ A.T, A @ H @ c.P).T[:2]
         again, about.off = True, gain @ A @ residual
