@@ -6,7 +6,6 @@ import sqlite3
 import tomllib
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +23,15 @@ from tests.synthetic import make_flight
 
 START_NS = 1_700_000_000 * 10**9
 GRAVITY, DENSITY, SURFACE_PA = 9.81, 1026.0, 101325.0
-# a follower that turns through north, and a leader that sails east past it
-# at 0.125 s the first step, and at 4.925 s one at which it points north
+# a follower that turns at 2°/s, with its first step at 0.125 s, and through north at its step at
+# 4.925 s
 TURN_DEG_S, HEADING_DEG = 2.0, 350.15
+# a leader that sails east past it
 LEADER_SPEED, LEADER_NORTH, LEADER_DEPTH = 1.2, 30.0, 3.0
 
 
-def told(result: Any) -> str:
+def printed_text(result: Any) -> str:
+    """What a command printed, with one space for each line break."""
     return " ".join(result.output.split())
 
 
@@ -51,19 +52,19 @@ def own_messages(duration_s: float = 20.0) -> list[Message]:
     """A compass at 20 Hz, a speed log at 5 Hz, a pressure sensor at 10 Hz: linear in time."""
     messages = list[Message]()
     for k in range(int(duration_s * 20)):
-        at = START_NS + 50_000_000 * k
-        imu = stamped(at, "auv", orientation=yaw_quaternion(heading_deg(0.05 * k)))
-        messages.append(("/auv/imu", "sensor_msgs/msg/Imu", at, imu))
+        time_ns = START_NS + 50_000_000 * k
+        imu = stamped(time_ns, "auv", orientation=yaw_quaternion(heading_deg(0.05 * k)))
+        messages.append(("/auv/imu", "sensor_msgs/msg/Imu", time_ns, imu))
         if k % 2 == 0:
             depth = 8.0 + 0.01 * k
             pressure = SURFACE_PA + DENSITY * GRAVITY * depth
-            fluid = stamped(at, "auv", fluid_pressure=pressure)
-            messages.append(("/auv/pressure", "sensor_msgs/msg/FluidPressure", at, fluid))
+            fluid = stamped(time_ns, "auv", fluid_pressure=pressure)
+            messages.append(("/auv/pressure", "sensor_msgs/msg/FluidPressure", time_ns, fluid))
         if k % 4 == 2:
             # 25 ms after a message of the compass, between two
-            late = at + 25_000_000
-            twist = stamped(late, "auv", twist={"linear": {"x": 1.0 + 0.001 * k}})
-            messages.append(("/auv/dvl", "geometry_msgs/msg/TwistStamped", late, twist))
+            dvl_ns = time_ns + 25_000_000
+            twist = stamped(dvl_ns, "auv", twist={"linear": {"x": 1.0 + 0.001 * k}})
+            messages.append(("/auv/dvl", "geometry_msgs/msg/TwistStamped", dvl_ns, twist))
     return messages
 
 
@@ -71,11 +72,13 @@ def leader_messages(duration_s: float = 20.0) -> list[Message]:
     """Odometry of the leader at 4 Hz."""
     messages = list[Message]()
     for k in range(int(duration_s * 4)):
-        at = START_NS + 250_000_000 * k
+        time_ns = START_NS + 250_000_000 * k
         position = {"x": LEADER_SPEED * 0.25 * k, "y": LEADER_NORTH, "z": -LEADER_DEPTH}
         pose = {"pose": {"position": position, "orientation": yaw_quaternion(90.0)}}
-        odometry = stamped(at, "map", pose=pose, twist={"twist": {"linear": {"x": LEADER_SPEED}}})
-        messages.append(("/leader/odom", "nav_msgs/msg/Odometry", at, odometry))
+        odometry = stamped(
+            time_ns, "map", pose=pose, twist={"twist": {"linear": {"x": LEADER_SPEED}}}
+        )
+        messages.append(("/leader/odom", "nav_msgs/msg/Odometry", time_ns, odometry))
     return messages
 
 
@@ -86,14 +89,14 @@ def range_messages(duration_s: float = 20.0) -> list[Message]:
     messages = list[Message]()
     for k in range(1, int(duration_s) - 1):
         for i, frame in enumerate(("tx_stern", "tx_bow")):
-            at = START_NS + 10**9 * k + 100_000_000 + 50_000_000 * i
-            values = stamped(at, frame, range=np.float32(40.0 + k + 0.5 * i).item())
-            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+            time_ns = START_NS + 10**9 * k + 100_000_000 + 50_000_000 * i
+            fields = stamped(time_ns, frame, range=np.float32(40.0 + k + 0.5 * i).item())
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     return messages
 
 
-def in_order(*parts: list[Message]) -> list[Message]:
-    return sorted((m for part in parts for m in part), key=lambda message: message[2])
+def in_order(*streams: list[Message]) -> list[Message]:
+    return sorted((m for stream in streams for m in stream), key=lambda message: message[2])
 
 
 def ros1(folder: Path, messages: list[Message]) -> Path:
@@ -109,7 +112,7 @@ def mcap(folder: Path, messages: list[Message]) -> Path:
 
 
 def humble_db3(folder: Path, messages: list[Message]) -> Path:
-    """As Humble records it: without definitions of types."""
+    """As ROS 2 Humble records it: without definitions of types."""
     bag = db3(folder, messages)
     with closing(sqlite3.connect(bag / "dive.db3")) as database:
         database.execute("DROP TABLE message_definitions")
@@ -138,26 +141,26 @@ def test_a_bag_is_imported_by_its_proposed_map(
     assert result.exit_code == 0, result.output
     measured = read_recording(tmp_path / "dive.mcap").measurements
     # the speed log's messages are the steps: at 0.125 s, 0.325 s, ...
-    n = measured.speed.size
-    time = 0.125 + 0.2 * np.arange(n)
+    steps = measured.speed.size
+    time = 0.125 + 0.2 * np.arange(steps)
     # the last step lies behind the last message of the pressure sensor
-    assert n == 99
+    assert steps == 99
     assert measured.dt == 0.2
-    assert np.allclose(measured.speed, 1.002 + 0.004 * np.arange(n), atol=1e-12)
-    expected = np.radians(HEADING_DEG + TURN_DEG_S * time)
-    away = np.remainder(measured.heading - expected + np.pi, 2 * np.pi) - np.pi
-    assert np.abs(away).max() < 1e-9
+    assert np.allclose(measured.speed, 1.002 + 0.004 * np.arange(steps), atol=1e-12)
+    expected_heading = np.radians(HEADING_DEG + TURN_DEG_S * time)
+    heading_error = np.remainder(measured.heading - expected_heading + np.pi, 2 * np.pi) - np.pi
+    assert np.abs(heading_error).max() < 1e-9
     assert np.allclose(measured.depth, 8.0 + 0.2 * time, atol=1e-9)
     # a reception is at the second of its two ranges
-    m = measured.message_step.size
-    heard = 1.15 + np.arange(m)
-    assert m == 18
-    assert measured.message_step.tolist() == np.searchsorted(time, heard).__add__(1).tolist()
-    assert measured.ranges[:, 0].tolist() == [41.0 + k for k in range(m)]
-    assert measured.ranges[:, 1].tolist() == [41.5 + k for k in range(m)]
+    receptions = measured.message_step.size
+    reception_time = 1.15 + np.arange(receptions)
+    assert receptions == 18
+    assert measured.message_step.tolist() == (np.searchsorted(time, reception_time) + 1).tolist()
+    assert measured.ranges[:, 0].tolist() == [41.0 + k for k in range(receptions)]
+    assert measured.ranges[:, 1].tolist() == [41.5 + k for k in range(receptions)]
     assert np.isnan(measured.ranges[:, 2]).all()
     _, east, north, heading, speed, depth = measured.message[:, :6].T
-    assert np.allclose(east, LEADER_SPEED * heard, atol=1e-9)
+    assert np.allclose(east, LEADER_SPEED * reception_time, atol=1e-9)
     assert np.allclose(north, LEADER_NORTH, atol=1e-9)
     assert np.allclose(heading, np.pi / 2, atol=1e-9)
     assert np.allclose(speed, LEADER_SPEED, atol=1e-9)
@@ -177,30 +180,32 @@ def imported(flight: Any, folder: Path, *options: str) -> Any:
 @pytest.mark.parametrize("follower", [0, 1])
 def test_a_flight_comes_back_from_its_bag(follower: int, tmp_path: Path) -> None:
     flight = make_flight(60.0, 2)
-    again = imported(flight, tmp_path, "--vehicle", f"follower{follower + 1}")
-    m = flight.measurements[follower]
-    assert again.dt == m.dt
-    assert np.array_equal(again.speed, m.speed)
-    away = np.remainder(again.heading - m.heading + np.pi, 2 * np.pi) - np.pi
-    assert np.abs(away).max() < 1e-12
-    assert np.allclose(again.depth, m.depth, atol=1e-9, rtol=0)
-    assert np.array_equal(again.message_step, m.message_step)
-    assert np.array_equal(again.ranges, m.ranges, equal_nan=True)
-    assert np.array_equal(again.message[:, 1:], m.message[:, 1:], equal_nan=True)
-    assert np.allclose(again.message[:, 0], m.message[:, 0], atol=1e-6, rtol=0)
+    imported_back = imported(flight, tmp_path, "--vehicle", f"follower{follower + 1}")
+    measured = flight.measurements[follower]
+    assert imported_back.dt == measured.dt
+    assert np.array_equal(imported_back.speed, measured.speed)
+    heading_error = (
+        np.remainder(imported_back.heading - measured.heading + np.pi, 2 * np.pi) - np.pi
+    )
+    assert np.abs(heading_error).max() < 1e-12
+    assert np.allclose(imported_back.depth, measured.depth, atol=1e-9, rtol=0)
+    assert np.array_equal(imported_back.message_step, measured.message_step)
+    assert np.array_equal(imported_back.ranges, measured.ranges, equal_nan=True)
+    assert np.array_equal(imported_back.message[:, 1:], measured.message[:, 1:], equal_nan=True)
+    assert np.allclose(imported_back.message[:, 0], measured.message[:, 0], atol=1e-6, rtol=0)
 
 
-def test_several_vehicles_are_in_doubt(tmp_path: Path) -> None:
+def test_a_bag_of_several_vehicles_is_refused_until_one_is_named(tmp_path: Path) -> None:
     writer.write(make_flight(10.0, 2), tmp_path / "a.mcap")
     assert run("export", tmp_path / "a.mcap", "--ros2", tmp_path / "bag").exit_code == 0
     result = run("import", tmp_path / "bag", "--out", tmp_path / "b.mcap")
     assert result.exit_code == 2
-    assert "--vehicle" in told(result)
-    assert "/follower2/imu" in told(result)
+    assert "--vehicle" in printed_text(result)
+    assert "/follower2/imu" in printed_text(result)
     assert not (tmp_path / "b.mcap").exists()
     result = run("import", tmp_path / "bag", "--out", tmp_path / "b.mcap", "--vehicle", "auv")
-    assert "it has those of" in told(result)
-    assert "follower1" in told(result)
+    assert "it has those of" in printed_text(result)
+    assert "follower1" in printed_text(result)
 
 
 MAP = """
@@ -240,6 +245,7 @@ where = { "header.frame_id" = "tx_stern" }
 
 
 def read_by(text: str, messages: list[Message], folder: Path) -> Any:
+    """Measurements of a bag of messages by the text of a map."""
     (folder / "map.toml").write_text(text)
     bag = write_ros2(folder / "dive", messages)
     result = run("import", bag, "--map", folder / "map.toml", "--out", folder / "dive.mcap")
@@ -265,20 +271,20 @@ def test_a_held_value_is_the_last_one(tmp_path: Path) -> None:
     assert np.allclose(measured.message[:, 0], 1.075 + np.arange(18), atol=1e-6)
 
 
-def test_two_robots_that_move_are_transmitters(tmp_path: Path) -> None:
+def test_two_moving_robots_are_transmitters(tmp_path: Path) -> None:
     """Ranges to two other robots, each with its own odometry, on one topic with their names."""
     messages = own_messages()
     for k in range(200):
-        at = START_NS + 100_000_000 * k
+        time_ns = START_NS + 100_000_000 * k
         for i in range(2):
             position = {"x": 5.0 * i + 0.05 * k, "y": 20.0 - 3.0 * i - 0.02 * k, "z": -2.0}
-            odometry = stamped(at, "map", pose={"pose": {"position": position}})
-            messages.append((f"/robot{i}/odom", "nav_msgs/msg/Odometry", at, odometry))
+            odometry = stamped(time_ns, "map", pose={"pose": {"position": position}})
+            messages.append((f"/robot{i}/odom", "nav_msgs/msg/Odometry", time_ns, odometry))
     for k in range(1, 19):
         for i in range(2):
-            at = START_NS + 10**9 * k + 30_000_000 * i
-            values = stamped(at, f"robot{i}", range=float(20 + k + i))
-            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+            time_ns = START_NS + 10**9 * k + 30_000_000 * i
+            fields = stamped(time_ns, f"robot{i}", range=float(20 + k + i))
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     text = MAP
     for i, slot in enumerate(("rear", "front")):
         text += f'[range_{slot}]\ntopic = "/auv/acoustic"\nfield = "range"\n'
@@ -291,28 +297,30 @@ def test_two_robots_that_move_are_transmitters(tmp_path: Path) -> None:
     for name in ("heading", "speed", "depth"):
         text += f"[leader_{name}]\nvalue = 0.0\n"
     measured = read_by(text, in_order(messages), tmp_path)
-    heard = 0.03 + 1 + np.arange(18)
-    places = measured.transmitters
-    assert places is not None
+    reception_time = 0.03 + 1 + np.arange(18)
+    positions = measured.transmitters
+    assert positions is not None
     for i in range(2):
-        assert np.allclose(places[:, i, 0], 5.0 * i + 0.5 * heard, atol=1e-9)
-        assert np.allclose(places[:, i, 1], 20.0 - 3.0 * i - 0.2 * heard, atol=1e-9)
-        assert np.allclose(places[:, i, 2], 2.0, atol=1e-9)
+        assert np.allclose(positions[:, i, 0], 5.0 * i + 0.5 * reception_time, atol=1e-9)
+        assert np.allclose(positions[:, i, 1], 20.0 - 3.0 * i - 0.2 * reception_time, atol=1e-9)
+        assert np.allclose(positions[:, i, 2], 2.0, atol=1e-9)
         assert measured.ranges[:, i].tolist() == [21.0 + k + i for k in range(18)]
-    assert np.isnan(places[:, 2]).all()
+    assert np.isnan(positions[:, 2]).all()
 
 
 def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
     messages = own_messages()
     for k in range(200):
-        at = START_NS + 100_000_000 * k
+        time_ns = START_NS + 100_000_000 * k
         for name in ("alpha", "beta"):
-            messages.append((f"/{name}/odom", "nav_msgs/msg/Odometry", at, stamped(at, "map")))
+            messages.append(
+                (f"/{name}/odom", "nav_msgs/msg/Odometry", time_ns, stamped(time_ns, "map"))
+            )
     for k in range(1, 19):
         for i, name in enumerate(("alpha", "beta")):
-            at = START_NS + 10**9 * k + 30_000_000 * i
-            values = stamped(at, name, range=20.0)
-            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+            time_ns = START_NS + 10**9 * k + 30_000_000 * i
+            fields = stamped(time_ns, name, range=20.0)
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     bag = write_ros2(tmp_path / "dive", in_order(messages))
     assert run("import", bag, "--propose", tmp_path / "map.toml").exit_code == 0
     proposed = tomllib.loads((tmp_path / "map.toml").read_text())
@@ -328,59 +336,59 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frames", "slots", "asked"),
+    ("frames", "slots", "note"),
     [
-        # of two frames that name the rear one, the second gets another
+        # of two frames whose names say rear, the second gets the front transmitter
         (("rear_1", "rear_2"), ("rear", "front"), "is 'rear_2' the front transmitter?"),
-        # a frame that names none has taken the rear one
+        # a frame whose name says neither has taken the rear transmitter
         (("alpha", "rear"), ("rear", "front"), "is 'rear' the front transmitter?"),
         (("tx_bow", "tx_stern"), ("front", "rear"), ""),
     ],
 )
 def test_a_frame_that_gets_another_transmitter_than_it_names_is_to_be_checked(
-    frames: tuple[str, str], slots: tuple[str, str], asked: str, tmp_path: Path
+    frames: tuple[str, str], slots: tuple[str, str], note: str, tmp_path: Path
 ) -> None:
     messages = own_messages()
     for k in range(1, 5):
         for i, frame in enumerate(frames):
-            at = START_NS + 10**9 * k + 30_000_000 * i
-            values = stamped(at, frame, range=20.0)
-            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", at, values))
+            time_ns = START_NS + 10**9 * k + 30_000_000 * i
+            fields = stamped(time_ns, frame, range=20.0)
+            messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     bag = write_ros2(tmp_path / "dive", in_order(messages))
     proposal = propose_for_bag(bag)
     for frame, slot in zip(frames, slots, strict=True):
         assert proposal.entries[f"range_{slot}"]["where"] == {"header.frame_id": frame}
-    assert proposal.notes.get(f"range_{slots[1]}", "") == asked
+    assert proposal.notes.get(f"range_{slots[1]}", "") == note
 
 
-def test_stamps_that_step_back_are_told(tmp_path: Path) -> None:
+def test_stamps_that_step_back_are_reported(tmp_path: Path) -> None:
     messages = in_order(own_messages(), leader_messages(), range_messages())
     # the driver of the speed log repeats a message, and sends two in the wrong order
     speeds = [i for i, message in enumerate(messages) if message[0] == "/auv/dvl"]
     first, second = speeds[10:12]
-    topic, kind, at, values = messages[first]
-    messages[first] = (topic, kind, at, messages[second][3])
-    messages[second] = (topic, kind, messages[second][2], values)
+    topic, kind, time_ns, fields = messages[first]
+    messages[first] = (topic, kind, time_ns, messages[second][3])
+    messages[second] = (topic, kind, messages[second][2], fields)
     messages.insert(second + 1, messages[second])
     (tmp_path / "map.toml").write_text((MAP + LEADER + RANGE).replace('stamps = "log"', ""))
     bag = write_ros2(tmp_path / "dive", messages)
     result = run("import", bag, "--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap")
     assert result.exit_code == 0, result.output
-    assert "/auv/dvl: 1 messages later than others with later times, sorted" in told(result)
-    assert "/auv/dvl: 1 messages at the time of another left out" in told(result)
+    assert "/auv/dvl: 1 messages later than others with later times, sorted" in printed_text(result)
+    assert "/auv/dvl: 1 messages at the time of another left out" in printed_text(result)
     speed = read_recording(tmp_path / "dive.mcap").measurements.speed
     assert np.allclose(speed, 1.002 + 0.004 * np.arange(speed.size), atol=1e-12)
 
 
-def test_places_on_the_map_count_from_the_first(tmp_path: Path) -> None:
+def test_latitudes_and_longitudes_become_metres_from_the_first_position(tmp_path: Path) -> None:
     """A ship that sails a minute of latitude north in a hundred seconds: 1855.24 m at 54.5° N, by
     the radius of the meridian, 6,378,137 (1 − e²) / (1 − e² sin² φ)^1.5 m.
     """
     messages = in_order(own_messages(), range_messages())
     for k in range(21):
-        at = START_NS + 10**9 * k
-        fix = stamped(at, "gps", latitude=54.5 + k / 100 / 60, longitude=18.5)
-        messages.append(("/ship/gps", "sensor_msgs/msg/NavSatFix", at, fix))
+        time_ns = START_NS + 10**9 * k
+        fix = stamped(time_ns, "gps", latitude=54.5 + k / 100 / 60, longitude=18.5)
+        messages.append(("/ship/gps", "sensor_msgs/msg/NavSatFix", time_ns, fix))
     text = MAP + RANGE + "[leader_depth]\nvalue = 0.0\n"
     for name, field in (("east", "longitude"), ("north", "latitude")):
         text += f'[leader_{name}]\ntopic = "/ship/gps"\nfield = "{field}"\nunit = "{field}"\n'
@@ -389,8 +397,8 @@ def test_places_on_the_map_count_from_the_first(tmp_path: Path) -> None:
     e2 = 0.00669437999014
     radius = 6378137.0 * (1 - e2) / (1 - e2 * math.sin(math.radians(54.5)) ** 2) ** 1.5
     speed = radius * math.radians(1 / 60) / 100
-    heard = 1.1 + np.arange(18)
-    assert np.allclose(measured.message[:, 2], speed * heard, atol=1e-4)
+    reception_time = 1.1 + np.arange(18)
+    assert np.allclose(measured.message[:, 2], speed * reception_time, atol=1e-4)
     assert np.allclose(measured.message[:, 1], 0.0, atol=1e-6)
     assert np.allclose(measured.message[:, 4], speed, atol=1e-6)
     assert speed == pytest.approx(18.5524, abs=1e-4)
@@ -411,7 +419,8 @@ def test_nothing_is_interpolated_over_gaps(tmp_path: Path) -> None:
     assert measured.speed.size == pytest.approx(65, abs=1)
 
 
-CASES = {
+# text of a map, and words of the error
+BROKEN_MAPS = {
     "topic": (MAP.replace("/auv/dvl", "/auv/log") + LEADER + RANGE, "has no topic /auv/log"),
     "field": (MAP.replace("linear.x", "linear.q") + LEADER + RANGE, "twist.linear.x"),
     "unit": (MAP.replace('"Pa"', '"knots"') + LEADER + RANGE, "depth.unit: expected m, cm"),
@@ -433,33 +442,33 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_ros2(tmp_path_factory.mktemp("bag") / "dive", messages)
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_errors_of_a_map_name_it(case: str, bag: Path, tmp_path: Path) -> None:
-    text, expected = CASES[case]
+@pytest.mark.parametrize("case", BROKEN_MAPS)
+def test_errors_of_a_map_are_named(case: str, bag: Path, tmp_path: Path) -> None:
+    text, expected = BROKEN_MAPS[case]
     (tmp_path / "map.toml").write_text(text)
     result = run("import", bag, "--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap")
     assert result.exit_code == 2, result.output
-    assert expected in told(result)
+    assert expected in printed_text(result)
     assert not (tmp_path / "dive.mcap").exists()
 
 
-def test_what_is_no_bag_is_told(bag: Path, tmp_path: Path) -> None:
+def test_files_that_are_no_bags_are_refused(bag: Path, tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(MAP + LEADER + RANGE)
-    whole = (bag / "dive.mcap").read_bytes()
+    bag_bytes = (bag / "dive.mcap").read_bytes()
     writer.write(make_flight(10.0), tmp_path / "log.mcap")
-    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "cut.mcap").write_bytes(bag_bytes[: len(bag_bytes) // 2])
     (tmp_path / "empty.bag").write_bytes(b"")
     (tmp_path / "text.db3").write_text("no bag")
     for name in ("log.mcap", "cut.mcap", "empty.bag", "text.db3"):
         arguments = ["import", tmp_path / name, "--map", tmp_path / "map.toml"]
         result = run(*arguments, "--out", tmp_path / "dive.mcap")
         assert result.exit_code == 2, result.output
-        assert f"{name}: cannot be read as a bag of ROS" in told(result)
+        assert f"{name}: cannot be read as a bag of ROS" in printed_text(result)
 
 
 def test_the_proposal_of_a_swarm_is_of_one_vehicle(tmp_path: Path) -> None:
     flight = make_flight(10.0, 2)
-    writer.write(replace(flight), tmp_path / "a.mcap")
+    writer.write(flight, tmp_path / "a.mcap")
     run("export", tmp_path / "a.mcap", "--ros2", tmp_path / "bag")
     result = run(
         "import", tmp_path / "bag", "--vehicle", "follower2", "--propose", tmp_path / "map.toml"

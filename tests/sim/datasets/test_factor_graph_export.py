@@ -14,7 +14,8 @@ from sim.flight import FlightRecord
 
 @pytest.fixture(scope="module")
 def flight() -> FlightRecord:
-    # a log and a compass without constant errors, which the graph has no variables for
+    # a speed log without a bias, which the graph has no variable for; the bias of the compass is
+    # the error of the first pose's heading
     changes = {
         "sensors.speed_bias_m_s": 0.0,
         "sensors.heading_bias_deg": 3.0,
@@ -36,31 +37,42 @@ def test_the_importer_reads_odometry_ranges_and_the_true_path(
     flight: FlightRecord, graph: Path
 ) -> None:
     data, (measured,) = read_factor_graph(graph), flight.measurements
-    at = measured.message_step
-    np.testing.assert_allclose(data.time, np.append(0.0, measured.time[at - 1]), atol=1e-9)
-    np.testing.assert_allclose(data.truth[1:, 1:], flight.hydrophone(0)[at - 1, :2], atol=1e-6)
+    reception_step = measured.message_step
+    np.testing.assert_allclose(
+        data.time, np.append(0.0, measured.time[reception_step - 1]), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        data.truth[1:, 1:], flight.hydrophone(0)[reception_step - 1, :2], atol=1e-6
+    )
     received = np.isfinite(measured.ranges)
     assert 0 < received.sum() == data.ranges.size < received.size
-    # horizontal, of the depths that are measured
-    deeper = (
-        measured.depth[at - 1]
+    # the graph's ranges are horizontal, by the depths that are measured
+    depth_below_transmitter = (
+        measured.depth[reception_step - 1]
         - measured.message[:, 5]
         - flight.scenario.navigation.settings().hydrophone_height
     )
-    level = np.sqrt(measured.ranges**2 - deeper[:, None] ** 2)[received]
-    np.testing.assert_allclose(np.sort(data.ranges), np.sort(level), atol=0.02)
+    horizontal_ranges = np.sqrt(measured.ranges**2 - depth_below_transmitter[:, None] ** 2)[
+        received
+    ]
+    np.testing.assert_allclose(np.sort(data.ranges), np.sort(horizontal_ranges), atol=0.02)
     speed = np.append(measured.speed[0], measured.speed)
-    east = np.append(measured.heading[0], measured.heading)
-    v = speed[:, None] * np.column_stack([np.sin(east), np.cos(east)])
-    way = np.array(
-        [0.5 * 0.1 * (v[:-1] + v[1:])[k : k + 10].sum(axis=0) for k in range(0, 1200, 10)]
+    heading = np.append(measured.heading[0], measured.heading)
+    velocity = speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
+    displacements = np.array(
+        [
+            0.5 * 0.1 * (velocity[:-1] + velocity[1:])[k : k + 10].sum(axis=0)
+            for k in range(0, 1200, 10)
+        ]
     )
-    np.testing.assert_allclose(np.hypot(*data.odometry[:, :2].T), np.hypot(*way.T), atol=1e-6)
+    np.testing.assert_allclose(
+        np.hypot(*data.odometry[:, :2].T), np.hypot(*displacements.T), atol=1e-6
+    )
 
 
-def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
+def test_gtsam_solves_the_exported_graph_to_within_a_metre_of_the_true_path(graph: Path) -> None:
     gtsam = pytest.importorskip("gtsam")
-    factors, values, noise = (
+    factors, values, gaussian = (
         gtsam.NonlinearFactorGraph(),
         gtsam.Values(),
         gtsam.noiseModel.Gaussian.Covariance,
@@ -70,7 +82,8 @@ def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
     def key(name: str) -> int:
         return int(gtsam.symbol(name[0].lower(), int(name[1:])))
 
-    def full(triangle: list[str], n: int) -> np.ndarray:
+    def covariance_of(triangle: list[str], n: int) -> np.ndarray:
+        """The n×n matrix of which a line holds the upper triangle."""
         matrix = np.zeros((n, n))
         matrix[np.triu_indices(n)] = list(map(float, triangle))
         return matrix + np.triu(matrix, 1).T
@@ -82,33 +95,40 @@ def test_gtsam_finds_the_path_in_it(graph: Path) -> None:
             truth[words[1]] = list(map(float, words[2:4]))
         elif kind == "VERTEX_SE2:PRIOR":
             pose = gtsam.Pose2(*map(float, words[2:5]))
-            factors.add(gtsam.PriorFactorPose2(key(words[1]), pose, noise(full(words[5:], 3))))
+            factors.add(
+                gtsam.PriorFactorPose2(key(words[1]), pose, gaussian(covariance_of(words[5:], 3)))
+            )
             values.insert(key(words[1]), pose)
         elif kind == "EDGE_SE2":
             step = gtsam.Pose2(*map(float, words[3:6]))
             factors.add(
                 gtsam.BetweenFactorPose2(
-                    key(words[1]), key(words[2]), step, noise(full(words[6:], 3))
+                    key(words[1]), key(words[2]), step, gaussian(covariance_of(words[6:], 3))
                 )
             )
             assert pose is not None
             pose = pose.compose(step)
             values.insert(key(words[2]), pose)
         elif kind == "VERTEX_XY:PRIOR":
-            place = np.array(words[2:4], dtype=float)
-            factors.add(gtsam.PriorFactorPoint2(key(words[1]), place, noise(full(words[4:], 2))))
-            values.insert(key(words[1]), place)
+            position = np.array(words[2:4], dtype=float)
+            factors.add(
+                gtsam.PriorFactorPoint2(
+                    key(words[1]), position, gaussian(covariance_of(words[4:], 2))
+                )
+            )
+            values.insert(key(words[1]), position)
         elif kind == "EDGE_RANGE":
             sigma = gtsam.noiseModel.Isotropic.Sigma(1, float(words[4]) ** 0.5)
-            between = key(words[1]), key(words[2]), float(words[3]), sigma, gtsam.Pose2()
-            factors.add(gtsam.RangeFactorWithTransform2D(*between))
-    actual = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
+            # the hydrophone is at the origin of the pose
+            arguments = key(words[1]), key(words[2]), float(words[3]), sigma, gtsam.Pose2()
+            factors.add(gtsam.RangeFactorWithTransform2D(*arguments))
+    solved = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
     errors = {
         name: [
-            np.hypot(*(np.asarray(of.atPose2(key(name)).translation()) - place))
-            for name, place in truth.items()
+            np.hypot(*(np.asarray(estimates.atPose2(key(name)).translation()) - position))
+            for name, position in truth.items()
         ]
-        for name, of in (("reckoned", values), ("solved", actual))
+        for name, estimates in (("reckoned", values), ("solved", solved))
     }
     assert np.mean(errors["solved"]) < 0.3 * np.mean(errors["reckoned"])
     assert np.mean(errors["solved"]) < 1.0

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
+from sim.attitude import geodetic
 from sim.datasets.field_map import FieldEntry, GeodeticOrigin
 from sim.datasets.map_proposal import match
 from sim.log.reader import read_recording
 
 
-def told(result: Any) -> str:
+def printed_text(result: Any) -> str:
+    """What a command printed, with one space for each line break."""
     return " ".join(result.output.split())
 
 
@@ -25,7 +27,8 @@ def run(*arguments: object) -> Any:
     return CliRunner().invoke(app, ["log", "import", *map(str, arguments)])
 
 
-NEAR_MISSES = {
+# the unit is "" where the header names none
+FIELD_AND_UNIT_OF_HEADER = {
     "HDG": ("heading", ""),
     "hdg_deg": ("heading", "deg"),
     "Compass [deg]": ("heading", "deg"),
@@ -68,11 +71,11 @@ NEAR_MISSES = {
 }
 
 
-@pytest.mark.parametrize("name", NEAR_MISSES)
-def test_names_that_nearly_fit(name: str) -> None:
+@pytest.mark.parametrize("name", FIELD_AND_UNIT_OF_HEADER)
+def test_headers_of_other_spellings_are_matched(name: str) -> None:
     matched = match(name)
     assert matched is not None
-    assert (matched.field, matched.unit) == NEAR_MISSES[name]
+    assert (matched.field, matched.unit) == FIELD_AND_UNIT_OF_HEADER[name]
 
 
 @pytest.mark.parametrize(
@@ -90,13 +93,13 @@ def test_names_that_nearly_fit(name: str) -> None:
         "temp_1",
     ],
 )
-def test_names_that_stand_for_nothing(name: str) -> None:
-    """Own places and tilts are no input of a navigator."""
+def test_headers_of_no_input_are_not_matched(name: str) -> None:
+    """Own position, tilt, and speed over ground are no inputs of a navigator."""
     assert match(name) is None
 
 
 @pytest.mark.parametrize("name", ["R1", "yaw", "u", "slant_range", "tx1_e", "depth [fathom]"])
-def test_what_may_be_wrong_is_noted(name: str) -> None:
+def test_doubtful_matches_carry_a_note(name: str) -> None:
     matched = match(name)
     assert matched is not None
     assert matched.note
@@ -111,13 +114,15 @@ HEADERS = (
 def write_table(path: Path) -> Path:
     """A vehicle on course 090 at 2 kn, 8 m deep, 20 m south of its leader, with foreign headers."""
     with path.open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(HEADERS)
+        writer = csv.writer(file)
+        writer.writerow(HEADERS)
         for k in range(1, 401):
             east = 1.028889 * 0.1 * k
-            row: list[object] = [round(1000 + 100 * k), 90.0, 2.0, 10.06506 + 8.05]
-            row += [round(20.0 + 0.01 * math.sin(k), 4), "", round(east, 4), 20.0]
-            rows.writerow([*row, 90.0, 2.0, 8.0, 12.1] if k % 10 == 0 else [*row[:4], *[""] * 8])
+            own_cells: list[object] = [round(1000 + 100 * k), 90.0, 2.0, 10.06506 + 8.05]
+            own_cells += [round(20.0 + 0.01 * math.sin(k), 4), "", round(east, 4), 20.0]
+            writer.writerow(
+                [*own_cells, 90.0, 2.0, 8.0, 12.1] if k % 10 == 0 else [*own_cells[:4], *[""] * 8]
+            )
     return path
 
 
@@ -125,14 +130,14 @@ def test_a_table_is_imported_by_an_edited_map(tmp_path: Path) -> None:
     table = write_table(tmp_path / "mine.csv")
     refused = run(table, "--out", tmp_path / "mine.mcap")
     assert refused.exit_code == 2
-    assert "laisn log import" in told(refused)
-    assert "--propose map.toml" in told(refused)
+    assert "laisn log import" in printed_text(refused)
+    assert "--propose map.toml" in printed_text(refused)
     proposed = run(table, "--propose", tmp_path / "map.toml")
     assert proposed.exit_code == 0, proposed.output
-    assert "nothing was found for time" in told(proposed)
+    assert "nothing was found for time" in printed_text(proposed)
     text = (tmp_path / "map.toml").read_text()
     assert "#   volts" in text
-    # as its user edits it: times, the unit of the pressure, speeds in knots
+    # as its user edits it: the column of times, the unit of the pressure, speeds in knots
     text = text.replace("# [time]\n# value = 0.0", '[time]\ncolumn = "Zeit"\nunit = "ms"')
     text = text.replace('column = "pressure"', 'column = "pressure"\nunit = "dbar"')
     for name in ("STW", "ldr_spd"):
@@ -155,14 +160,14 @@ def test_a_table_is_imported_by_an_edited_map(tmp_path: Path) -> None:
 def test_a_table_with_a_row_for_each_range(tmp_path: Path) -> None:
     """Ranges of two transmitters stand in one column, and another tells of which."""
     with (tmp_path / "long.csv").open("w", newline="") as file:
-        rows = csv.writer(file)
-        rows.writerow(["t", "hdg", "stw", "dep", "src", "rng", "E", "N"])
+        writer = csv.writer(file)
+        writer.writerow(["t", "hdg", "stw", "dep", "src", "rng", "E", "N"])
         for k in range(1, 101):
-            own = [k / 10, 90.0, 1.0, 8.0]
-            rows.writerow([*own, "", "", "", ""])
+            own_cells = [k / 10, 90.0, 1.0, 8.0]
+            writer.writerow([*own_cells, "", "", "", ""])
             if k % 10 == 0:
-                rows.writerow([k / 10, "", "", "", "aft", 20.0 + k, k / 10, 20.0])
-                rows.writerow([k / 10, "", "", "", "bow", 21.0 + k, k / 10, 20.0])
+                writer.writerow([k / 10, "", "", "", "aft", 20.0 + k, k / 10, 20.0])
+                writer.writerow([k / 10, "", "", "", "bow", 21.0 + k, k / 10, 20.0])
     (tmp_path / "map.toml").write_text(
         '[time]\ncolumn = "t"\n[heading]\ncolumn = "hdg"\nunit = "deg"\n'
         '[speed]\ncolumn = "stw"\n[depth]\ncolumn = "dep"\n'
@@ -185,15 +190,24 @@ def test_a_proposed_map_of_known_headers_changes_nothing(tmp_path: Path) -> None
     """The log of a table is the same to the byte, with and without its proposed map."""
     table = tmp_path / "mine.csv"
     with table.open("w", newline="") as file:
-        rows = csv.writer(file)
-        own = ["time [s]", "speed [m/s]", "heading_deg", "depth"]
-        leader = ["leader_timestamp", "leader_east", "leader_north", "leader_heading_deg"]
-        rows.writerow([*own, *leader, "leader_speed", "leader_depth", "range_rear", "range_front"])
+        writer = csv.writer(file)
+        own_headers = ["time [s]", "speed [m/s]", "heading_deg", "depth"]
+        leader_headers = ["leader_timestamp", "leader_east", "leader_north", "leader_heading_deg"]
+        writer.writerow(
+            [
+                *own_headers,
+                *leader_headers,
+                "leader_speed",
+                "leader_depth",
+                "range_rear",
+                "range_front",
+            ]
+        )
         for k in range(1, 201):
             time = round(0.1 * k, 2)
-            row: list[object] = [time, 1.0 + 0.01 * (k % 3), 90.5, 8.0]
-            message = [time, time, 20.0, 90.0, 1.0, 8.0, 20.05, 20.02]
-            rows.writerow([*row, *(message if k % 10 == 0 else [""] * 8)])
+            own_cells: list[object] = [time, 1.0 + 0.01 * (k % 3), 90.5, 8.0]
+            message_cells = [time, time, 20.0, 90.0, 1.0, 8.0, 20.05, 20.02]
+            writer.writerow([*own_cells, *(message_cells if k % 10 == 0 else [""] * 8)])
     assert run(table, "--out", tmp_path / "a.mcap").exit_code == 0
     assert run(table, "--propose", tmp_path / "map.toml").exit_code == 0
     arguments = ["--map", tmp_path / "map.toml", "--out", tmp_path / "b.mcap"]
@@ -201,7 +215,8 @@ def test_a_proposed_map_of_known_headers_changes_nothing(tmp_path: Path) -> None
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-CASES = {
+# text of a map, and words of the error
+BROKEN_MAPS = {
     "column": ('[heading]\ncolumn = "CRS"', "column 'CRS' is not in"),
     "topic": ('[heading]\ntopic = "/imu"\nfield = "a"', "is a table"),
     "unit": ('[heading]\ncolumn = "HDG"\nunit = "m"', "heading.unit: expected rad, deg"),
@@ -211,19 +226,23 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", BROKEN_MAPS)
 def test_errors_of_a_map_of_a_table(case: str, tmp_path: Path) -> None:
-    text, expected = CASES[case]
+    text, expected = BROKEN_MAPS[case]
     table = write_table(tmp_path / "mine.csv")
     if case != "lacking":
-        names = ("speed", "depth", *(f"leader_{one}" for one in ("east", "north", "speed")))
-        values = "".join(f"[{name}]\nvalue = 0.0\n" for name in names)
-        values += "[leader_heading]\nvalue = 0.0\n[leader_depth]\nvalue = 0.0\n"
-        text += f'\n[time]\ncolumn = "Zeit"\n[range_rear]\ncolumn = "R1"\n{values}'
+        constant_fields = (
+            "speed",
+            "depth",
+            *(f"leader_{name}" for name in ("east", "north", "speed")),
+        )
+        constants = "".join(f"[{name}]\nvalue = 0.0\n" for name in constant_fields)
+        constants += "[leader_heading]\nvalue = 0.0\n[leader_depth]\nvalue = 0.0\n"
+        text += f'\n[time]\ncolumn = "Zeit"\n[range_rear]\ncolumn = "R1"\n{constants}'
     (tmp_path / "map.toml").write_text(text)
     result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / "mine.mcap")
     assert result.exit_code == 2, result.output
-    assert expected in told(result)
+    assert expected in printed_text(result)
     assert not (tmp_path / "mine.mcap").exists()
 
 
@@ -243,23 +262,22 @@ def test_altitudes_become_depths() -> None:
 def test_places_on_the_map_and_back(
     latitude: float, longitude: float, east: float, north: float
 ) -> None:
-    from sim.attitude import geodetic
 
-    place = geodetic(np.array([[east, north, 0.0]]), latitude, longitude)
+    position = geodetic(np.array([[east, north, 0.0]]), latitude, longitude)
     origin = GeodeticOrigin(latitude_deg=latitude, longitude_deg=longitude)
-    assert origin.metres(place[:, 1], "longitude")[0] == pytest.approx(east, abs=1e-4)
-    assert origin.metres(place[:, 0], "latitude")[0] == pytest.approx(north, abs=1e-4)
+    assert origin.metres(position[:, 1], "longitude")[0] == pytest.approx(east, abs=1e-4)
+    assert origin.metres(position[:, 0], "latitude")[0] == pytest.approx(north, abs=1e-4)
 
 
-def test_a_map_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_map_is_refused_with_the_command_that_proposes_one(tmp_path: Path) -> None:
     table = write_table(tmp_path / "mine.csv")
     result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / "mine.mcap")
     assert result.exit_code == 2
-    assert "no such file; a proposal: laisn log import" in told(result)
+    assert "no such file; a proposal: laisn log import" in printed_text(result)
 
 
 def test_an_import_without_a_log_to_write_is_refused(tmp_path: Path) -> None:
     table = write_table(tmp_path / "mine.csv")
     result = run(table)
     assert result.exit_code == 2
-    assert "--propose" in told(result)
+    assert "--propose" in printed_text(result)

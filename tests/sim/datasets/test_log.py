@@ -63,7 +63,7 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.odometry, [[2.0, 0.0, math.pi / 2], [4.0, 0.5, 0.0]])
     assert data.beacons == ("L0", "L1")
     assert data.places.tolist() == [[20.0, 0.0], [0.5, 30.5]]
-    # a time that is not near its pose's has no meaning
+    # the range of A2 at 99.0 s is not near its pose, and takes the pose's time, 13.0 s
     assert data.range_time.tolist() == [11.2, 12.5, 13.0]
     assert data.range_beacon.tolist() == [0, 1, 0]
     assert data.ranges.tolist() == [17.0, 24.0, 18.0]
@@ -82,11 +82,11 @@ def test_a_factor_graph_is_read_as_it_is_written(tmp_path: Path) -> None:
 
 def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
     """As a clock counts them that began in 1970; poses and ranges alike."""
-    words = [line.split() for line in GRAPH.splitlines()]
-    timed = [w for w in words if w and w[0] not in ("VERTEX_XY", "#")]
-    for w in timed:
-        w[1] = f"{1_600_000_000 + float(w[1]):.1f}".replace(".", "") + "00000000"
-    data = read_data_set(graph(tmp_path, "\n".join(" ".join(w) for w in words)))
+    lines = [line.split() for line in GRAPH.splitlines()]
+    timed_lines = [words for words in lines if words and words[0] not in ("VERTEX_XY", "#")]
+    for words in timed_lines:
+        words[1] = f"{1_600_000_000 + float(words[1]):.1f}".replace(".", "") + "00000000"
+    data = read_data_set(graph(tmp_path, "\n".join(" ".join(words) for words in lines)))
     np.testing.assert_allclose(data.time - 1.6e9, [10.0, 11.0, 13.0], rtol=0, atol=1e-6)
     np.testing.assert_allclose(data.range_time - 1.6e9, [11.2, 12.5, 13.0], rtol=0, atol=1e-6)
     assert data.stated["slip"] == pytest.approx(math.sqrt(0.0075), rel=1e-6)
@@ -94,11 +94,11 @@ def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
 
 def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
     """6.5 m in 3 s are a vehicle's way, in 3000 s they are not."""
-    words = [line.split() for line in GRAPH.splitlines()]
-    for w in words:
-        if w and w[0] not in ("VERTEX_XY", "#"):
-            w[1] = str(1000 * float(w[1]))
-    text = "\n".join(" ".join(w) for w in words)
+    lines = [line.split() for line in GRAPH.splitlines()]
+    for words in lines:
+        if words and words[0] not in ("VERTEX_XY", "#"):
+            words[1] = str(1000 * float(words[1]))
+    text = "\n".join(" ".join(words) for words in lines)
     assert not [remark for remark in read_data_set(graph(tmp_path)).remarks if "seconds" in remark]
     assert (
         read_data_set(graph(tmp_path, text)).remarks[-1]
@@ -107,23 +107,27 @@ def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
 
 
 def test_poses_of_one_time_are_joined(tmp_path: Path) -> None:
-    """A1 is at the time of A0 or of A2: the way ends where it did, in one step; its range keeps
-    its time.
+    """A1 is at the time of A0 or of A2: the path ends where it did with one step less. The range
+    from A1, of 11.2 s, keeps its time if that is between the poses beside it, and is else dated by
+    its pose.
     """
-    for at, first in (("10.0", "11.2"), ("13.0", "13.0")):
-        text = GRAPH.replace("VERTEX_SE2 11.0 A1", f"VERTEX_SE2 {at} A1") + (
+    for pose_time, range_time in (("10.0", "11.2"), ("13.0", "13.0")):
+        text = GRAPH.replace("VERTEX_SE2 11.0 A1", f"VERTEX_SE2 {pose_time} A1") + (
             f"VERTEX_SE2 15.0 A3 3.0 9.0 1.57\nEDGE_SE2 15.0 A2 A3 1.0 0.0 0.2 {NOISE}\n"
         )
         data = read_data_set(graph(tmp_path, text))
         assert data.time.tolist() == [10.0, 13.0, 15.0]
         assert data.truth[:, 0].tolist() == [10.0, 13.0, 15.0]
-        place, facing = 0j, 1.0 + 0j
-        for ahead, port, turn in data.odometry:
-            place, facing = place + facing * complex(ahead, port), facing * np.exp(1j * turn)
+        position, direction = 0j, 1.0 + 0j
+        for ahead, port, rotation in data.odometry:
+            position, direction = (
+                position + direction * complex(ahead, port),
+                direction * np.exp(1j * rotation),
+            )
         # 2 m ahead, a quarter turn to port, then 4 m and ½ m to port, and 1 m more
-        whole = 2.0 + 1j * complex(4.0, 0.5) + 1j
-        assert place == pytest.approx(whole, abs=1e-9)
-        assert first in [str(t) for t in data.range_time.tolist()]
+        end = 2.0 + 1j * complex(4.0, 0.5) + 1j
+        assert position == pytest.approx(end, abs=1e-9)
+        assert range_time in [str(t) for t in data.range_time.tolist()]
         assert "poses at the time of the one before, joined to it: 1" in data.remarks
 
 
@@ -133,7 +137,10 @@ def test_vertices_composed_of_the_odometry_are_no_path_to_compare_with(tmp_path:
     assert "vertices are composed of the odometry: there is no path to compare with" in data.remarks
 
 
-def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> None:
+def test_what_a_graph_states_of_its_noise_is_navigated_by_unless_a_user_sets_it(
+    tmp_path: Path,
+) -> None:
+    """Standard deviations are the roots of the variances in the text, for steps of 1 s."""
     steps = [
         f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.0 0.0 0.0 0.0004 0 0 0.0004 0 0.000009"
         for k in range(1, 21)
@@ -153,7 +160,7 @@ def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("pose", "time", "taken"),
+    ("pose", "time", "time_used"),
     [
         ("A0", 9.5, 10.0),
         ("A0", 10.4, 10.4),
@@ -168,11 +175,11 @@ def test_what_a_graph_states_of_its_odometry_is_navigated_by(tmp_path: Path) -> 
     ],
 )
 def test_the_time_of_a_range_is_used_between_its_neighbouring_poses(
-    tmp_path: Path, pose: str, time: float, taken: float
+    tmp_path: Path, pose: str, time: float, time_used: float
 ) -> None:
     text = "\n".join(line for line in GRAPH.splitlines() if not line.startswith("EDGE_RANGE"))
     data = read_data_set(graph(tmp_path, f"{text}\nEDGE_RANGE {time} {pose} L1 24.0 0.25\n"))
-    assert data.range_time.tolist() == [taken]
+    assert data.range_time.tolist() == [time_used]
 
 
 def test_a_graph_without_times_goes_by_the_second(tmp_path: Path) -> None:
@@ -235,15 +242,15 @@ def test_errors_of_a_graph_are_reported(tmp_path: Path, old: str, new: str, word
         read_data_set(graph(tmp_path, GRAPH.replace(old, new)))
 
 
-@pytest.mark.parametrize("kind", [19, 50, 100, 255, 1000, 70_000])
-def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, kind: int) -> None:
-    """SciPy reads beyond its table of types where an element has an unknown one, and most often
-    crashes.
+@pytest.mark.parametrize("element_type", [19, 50, 100, 255, 1000, 70_000])
+def test_a_file_that_crashes_the_library_is_damaged(tmp_path: Path, element_type: int) -> None:
+    """SciPy reads beyond its table of types where an element of a file has an unknown type, and
+    most often crashes.
     """
     path = tmp_path / "a.mat"
     savemat(path, {"DR": np.ones((4, 3))})
     path.write_bytes(
-        path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", kind, 96))
+        path.read_bytes().replace(struct.pack("<II", 9, 96), struct.pack("<II", element_type, 96))
     )
     with pytest.raises(LaisnError, match=r"a\.mat: no MATLAB file of version 5, or damaged: "):
         read_data_set(path)
@@ -354,15 +361,15 @@ def tables_of_ranges(folder: Path, count: int) -> Path:
         "DRp": [[0, 0, 0, 0]],
         "TD": np.column_stack(ranges),
     }.items():
-        np.savetxt(folder / f"made_{name}.txt", table)
-    return folder / "made_DR.txt"
+        np.savetxt(folder / f"many_{name}.txt", table)
+    return folder / "many_DR.txt"
 
 
 @pytest.mark.parametrize("write", [graph_of_ranges, tables_of_ranges])
 def test_a_million_ranges_are_imported_in_1500_megabytes(
     tmp_path: Path, write: Callable[[Path, int], Path]
 ) -> None:
-    """By the memory of 5,000, after what is loaded once."""
+    """5,000 ranges take less than 1500 bytes each, after what is loaded once."""
     write_data_set(read_data_set(write(tmp_path, 9)), tmp_path / "a.mcap")
     path = write(tmp_path, 5000)
     tracemalloc.start()
@@ -417,13 +424,13 @@ def test_tables_in_text_are_those_of_the_matlab_file(tmp_path: Path, suffix: str
 
 @pytest.mark.parametrize("name", ["Plaza1", "Plaza2"])
 def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name: str) -> None:
-    """What the tables of odometry add up to from the first row of the published path by odometry
-    on.
+    """From the first row of the published path by odometry (DRp) on, steps of the table of odometry
+    (DR) are composed as complex numbers.
     """
     tables = loadmat(PLAZA / f"{name}.mat")
-    place, facing = complex(*tables["DRp"][0, 1:3]), tables["DRp"][0, 3]
-    for _, way, turn in tables["DR"]:
-        place, facing = place + way * np.exp(1j * facing), facing + turn
+    position, direction = complex(*tables["DRp"][0, 1:3]), tables["DRp"][0, 3]
+    for _, way, rotation in tables["DR"]:
+        position, direction = position + way * np.exp(1j * direction), direction + rotation
     data = read_data_set(PLAZA / f"{name}.mat")
     write_data_set(data, tmp_path / "a.mcap")
     measured = read_data_set_log(tmp_path / "a.mcap").measurements
@@ -431,14 +438,14 @@ def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name:
     way = np.column_stack([np.sin(measured.heading), np.cos(measured.heading)]).T @ (
         measured.speed * measured.durations
     )
-    np.testing.assert_allclose(data.start[:2] + way, [place.real, place.imag], atol=1e-5)
+    np.testing.assert_allclose(data.start[:2] + way, [position.real, position.imag], atol=1e-5)
     assert measured.time[-1] - measured.dt == pytest.approx(
         tables["DR"][-1, 0] - tables["DRp"][0, 0], abs=1e-6
     )
 
 
 def straight(**changes: object) -> RangeData:
-    """Three steps north-east with ranges of one instant to five beacons."""
+    """Three steps north-east, with ranges to five beacons at 1.5 s and one more at 2 s."""
     base = RangeData(
         source="made",
         start=np.array([0.0, 0.0, math.pi / 4]),
@@ -455,24 +462,33 @@ def straight(**changes: object) -> RangeData:
     return replace(base, **changes)  # type: ignore[arg-type]
 
 
-def received(path: Path) -> set[tuple[float, float]]:
-    """Ranges and the east of their beacons in a log."""
+def ranges_and_beacon_easts(path: Path) -> set[tuple[float, float]]:
+    """Each range in a log with the east coordinate of its beacon, which tells beacons apart [m]."""
     measured = read_data_set_log(path).measurements
     assert measured.transmitters is not None
     return {
-        (float(z), float(place[0]))
+        (float(one_range), float(position[0]))
         for ranges, places in zip(measured.ranges, measured.transmitters, strict=True)
-        for z, place in zip(ranges, places, strict=True)
-        if np.isfinite(z)
+        for one_range, position in zip(ranges, places, strict=True)
+        if np.isfinite(one_range)
     }
 
 
 def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
     write_data_set(straight(), tmp_path / "a.mcap")
-    assert received(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {(15, 0)}
+    assert ranges_and_beacon_easts(tmp_path / "a.mcap") == {(10 + k, 2 * k) for k in range(5)} | {
+        (15, 0)
+    }
     twice = straight(range_beacon=np.array([0, 0, 1, 1, 1, 0])).with_beacons(["a", "b"])
     write_data_set(twice, tmp_path / "b.mcap")
-    assert received(tmp_path / "b.mcap") == {(10, 0), (11, 0), (12, 2), (13, 2), (14, 2), (15, 0)}
+    assert ranges_and_beacon_easts(tmp_path / "b.mcap") == {
+        (10, 0),
+        (11, 0),
+        (12, 2),
+        (13, 2),
+        (14, 2),
+        (15, 0),
+    }
     assert not [
         remark for remark in read_data_set_log(tmp_path / "b.mcap").remarks if "left out" in remark
     ]
@@ -481,29 +497,29 @@ def test_no_range_is_lost_where_many_come_at_once(tmp_path: Path) -> None:
 def test_two_beacons_are_the_ends_of_a_leader_at_rest(tmp_path: Path) -> None:
     write_data_set(straight().with_beacons(["d", "a"]), tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
-    m = recorded.measurements
-    np.testing.assert_array_equal(m.ranges, [[13.0, 10.0, np.nan], [np.nan, 15.0, np.nan]])
-    assert m.transmitters is not None
-    assert m.transmitters[0, :2].tolist() == [[6.0, 7.0, 0.0], [0.0, 1.0, 0.0]]
+    measured = recorded.measurements
+    np.testing.assert_array_equal(measured.ranges, [[13.0, 10.0, np.nan], [np.nan, 15.0, np.nan]])
+    assert measured.transmitters is not None
+    assert measured.transmitters[0, :2].tolist() == [[6.0, 7.0, 0.0], [0.0, 1.0, 0.0]]
     # the range at 1.5 s has a step of its own, the first step ends where the data begin; the time
     # of the message is that at which it is received, from the beginning of the first step on
-    assert m.message[0].tolist()[:6] == [m.time[2], 3.0, 4.0, 0.0, 0.0, 0.0]
-    assert m.time[2] - m.time[0] == 1.5
-    assert m.durations is not None
-    assert np.diff(m.time).tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
-    assert m.message_step.tolist() == [3, 4]
-    assert m.speed.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0])
+    assert measured.message[0].tolist()[:6] == [measured.time[2], 3.0, 4.0, 0.0, 0.0, 0.0]
+    assert measured.time[2] - measured.time[0] == 1.5
+    assert measured.durations is not None
+    assert np.diff(measured.time).tolist() == pytest.approx([1.0, 0.5, 0.5, 1.0])
+    assert measured.message_step.tolist() == [3, 4]
+    assert measured.speed.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0, 1.0])
     assert recorded.stated == {"range_sigma": 0.3}
     assert recorded.start.tolist() == [0.0, 0.0, 0.0, 0.0]
 
 
-STEP = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
+ODOMETRY_STEP = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 
 
 @given(
-    st.lists(STEP, min_size=2, max_size=12),
+    st.lists(ODOMETRY_STEP, min_size=2, max_size=12),
     st.lists(st.floats(0.01, 1.99), min_size=1, max_size=5),
-    STEP,
+    ODOMETRY_STEP,
 )
 def test_legs_end_where_poses_composed_one_after_the_other_do(
     steps: list[tuple[float, float, float]], times: list[float], start: tuple[float, float, float]
@@ -519,14 +535,17 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
         range_beacon=np.zeros(len(times), dtype=np.int64),
         ranges=np.full(len(times), 5.0),
     )
-    place, facing = complex(start[0], start[1]), np.exp(1j * (math.pi / 2 - start[2]))
-    for ahead, port, turn in steps:
-        place, facing = place + facing * complex(ahead, port), facing * np.exp(1j * turn)
-    end, speed, heading = data.legs()
-    spent: Floats = np.diff(np.concatenate([[0.0], end]))
-    way = np.column_stack([np.sin(heading), np.cos(heading)]).T @ (spent * speed)
-    np.testing.assert_allclose(way + start[:2], [place.real, place.imag], atol=1e-9)
-    assert end[-1] == len(steps)
+    position, direction = complex(start[0], start[1]), np.exp(1j * (math.pi / 2 - start[2]))
+    for ahead, port, rotation in steps:
+        position, direction = (
+            position + direction * complex(ahead, port),
+            direction * np.exp(1j * rotation),
+        )
+    leg_ends, speed, heading = data.legs()
+    durations: Floats = np.diff(np.concatenate([[0.0], leg_ends]))
+    way = np.column_stack([np.sin(heading), np.cos(heading)]).T @ (durations * speed)
+    np.testing.assert_allclose(way + start[:2], [position.real, position.imag], atol=1e-9)
+    assert leg_ends[-1] == len(steps)
 
 
 @pytest.mark.parametrize(
@@ -561,15 +580,17 @@ def test_a_damaged_log_is_refused_and_recovered_with_a_remark(tmp_path: Path) ->
     )
     log = tmp_path / "a.mcap"
     write_data_set(data, log)
-    whole, original = log.read_bytes(), read_data_set_log(log)
+    log_bytes, original = log.read_bytes(), read_data_set_log(log)
 
-    elsewhere = whole.replace(b"start_east\x03\0\0\0000.0", b"start_east\x03\0\0\0009.0")
-    assert elsewhere != whole
-    log.write_bytes(elsewhere)
+    with_another_start = log_bytes.replace(
+        b"start_east\x03\0\0\0000.0", b"start_east\x03\0\0\0009.0"
+    )
+    assert with_another_start != log_bytes
+    log.write_bytes(with_another_start)
     with pytest.raises(LogError, match="the checksum of the data section"):
         read_data_set_log(log)
     # the end of the data section is cut off, with the checksum that covers the metadata
-    log.write_bytes(whole[: int.from_bytes(whole[-28:-20], "little") - 5])
+    log.write_bytes(log_bytes[: int.from_bytes(log_bytes[-28:-20], "little") - 5])
     printed: list[str] = []
     rescued = read_data_set_log(recover(log, printed.append))
     assert printed[0] == "metadata data set: no checksum, damage cannot be detected"
@@ -629,10 +650,10 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
         "replay", log, "--set", "beacons.medium=air"
     )
     with pytest.raises(LogError, match="no log of a data set"):
-        foreign(tmp_path)
+        read_log_of_a_simulation(tmp_path)
 
 
-def foreign(folder: Path) -> None:
+def read_log_of_a_simulation(folder: Path) -> None:
     from tests.sim.log.test_reader_replay import cruise, one_ping, write_rows
 
     read_data_set_log(write_rows(folder / "b.mcap", cruise(0.1 * np.arange(30)), [one_ping(1.0)]))
@@ -641,20 +662,20 @@ def foreign(folder: Path) -> None:
 def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Path) -> None:
     """B goes north from (50, 10) at 0.2 m/s, A east from the origin at 1 m/s; ranges are exact.
 
-    The replay finds A by the ranges alone where its odometry is 10 % too fast.
+    The replay stays within 2 m of A's true place although its odometry is 10 % too fast.
     """
     noise = "0.01 0 0 0.01 0 0.0001"
-    n = 120
+    poses = 120
     lines = []
-    for k in range(n):
+    for k in range(poses):
         lines.append(f"VERTEX_SE2 {k}.0 A{k} {k}.0 0.0 0.0")
         lines.append(f"VERTEX_SE2 {k}.0 B{k} 0.0 0.0 0.0")
         if k:
             lines.append(f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.1 0.0 0.0 {noise}")
             lines.append(f"EDGE_SE2 {k}.0 B{k - 1} B{k} 0.2 0.0 0.0 {noise}")
-            gap = math.hypot(50.0 - k, 10.0 + 0.2 * k)
+            distance = math.hypot(50.0 - k, 10.0 + 0.2 * k)
             names = f"A{k} B{k}" if k % 2 else f"B{k} A{k}"
-            lines.append(f"EDGE_RANGE {k}.0 {names} {gap} 0.01")
+            lines.append(f"EDGE_RANGE {k}.0 {names} {distance} 0.01")
     lines.append(f"VERTEX_SE2:PRIOR 0.0 B0 50.0 10.0 {math.pi / 2} {noise}")
     lines.append("VERTEX_SE2 120.0 A120 120.0 0.0 0.0")
     lines.append(f"EDGE_SE2 120.0 A119 A120 1.1 0.0 0.0 {noise}")
@@ -663,8 +684,8 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
     assert any(
         "its ranges to B are to the path that B's odometry gives" in line for line in data.remarks
     )
-    assert data.ranges.size == n - 1
-    expected = [[50.0, 10.0 + 0.2 * k, 0.0, 0.2] for k in range(1, n)]
+    assert data.ranges.size == poses - 1
+    expected = [[50.0, 10.0 + 0.2 * k, 0.0, 0.2] for k in range(1, poses)]
     np.testing.assert_allclose(data.range_track, expected, atol=1e-9)
     write_data_set(data, tmp_path / "a.mcap")
     recorded = read_data_set_log(tmp_path / "a.mcap")
@@ -678,108 +699,116 @@ def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Pat
     estimates, _ = navigate_among_beacons(
         recorded, BeaconReplaySettings(medium="air", speed_scale_sigma=0.1)
     )
-    truth = np.column_stack([recorded.measurements.time - recorded.measurements.time[0]] * 2)
-    off = estimates.state[:n, 0] - truth[:n, 0]
+    true_east = recorded.measurements.time - recorded.measurements.time[0]
+    east_error = estimates.state[:poses, 0] - true_east[:poses]
     # dead reckoning is 12 m off at the end
-    assert abs(off[100:n]).max() < 2.0
+    assert abs(east_error[100:poses]).max() < 2.0
 
 
 def test_the_command_replays_ranges_to_several_robots_and_a_landmark(tmp_path: Path) -> None:
     """A goes east at 1 m/s past the landmark, three robots north at other speeds; all ranges of a
-    second come at once, and they are exact. A's odometry is 5 % too fast.
+    second come at once, and they are exact. A's odometry is 5 % too fast. The estimate is within
+    0.5 m of A's true place from 20 s on.
     """
     noise = "0.01 0 0 0.01 0 0.0001"
     robots = {"B": (30.0, 10.0, 0.3), "C": (60.0, -31.0, 0.5), "D": (90.0, 20.0, 0.2)}
-    n = 121
+    poses = 121
     lines = ["VERTEX_XY L0 50.0 -20.0"]
     for name, (east, north, _) in robots.items():
         lines.append(f"VERTEX_SE2:PRIOR 0.0 {name}0 {east} {north} {math.pi / 2} {noise}")
-    for k in range(n):
+    for k in range(poses):
         lines.append(f"VERTEX_SE2 {k}.0 A{k} {k}.0 0.0 0.0")
-        lines += [f"VERTEX_SE2 {k}.0 {name}{k} 0.0 0.0 0.0" for name in robots if k < n - 1]
+        lines += [f"VERTEX_SE2 {k}.0 {name}{k} 0.0 0.0 0.0" for name in robots if k < poses - 1]
         if k == 0:
             continue
         lines.append(f"EDGE_SE2 {k}.0 A{k - 1} A{k} 1.05 0.0 0.0 {noise}")
-        if k == n - 1:
+        if k == poses - 1:
             break
         lines.append(f"EDGE_RANGE {k}.0 A{k} L0 {math.hypot(50.0 - k, 20.0)} 0.01")
         for name, (east, north, speed) in robots.items():
             lines.append(f"EDGE_SE2 {k}.0 {name}{k - 1} {name}{k} {speed} 0.0 0.0 {noise}")
-            gap = math.hypot(east - k, north + speed * k)
-            lines.append(f"EDGE_RANGE {k}.0 A{k} {name}{k} {gap} 0.01")
+            distance = math.hypot(east - k, north + speed * k)
+            lines.append(f"EDGE_RANGE {k}.0 A{k} {name}{k} {distance} 0.01")
     source = graph(tmp_path, "\n".join(lines))
     log = tmp_path / "a.mcap"
     run("log", "import", source, "--out", log)
-    out = tmp_path / "e.csv"
+    estimates_path = tmp_path / "e.csv"
     # four errors of beacons, not one for each place; the ranges of a robot keep its own
-    printed = run("replay", log, "--variant", "tight", "--out", out)
+    printed = run("replay", log, "--variant", "tight", "--out", estimates_path)
     assert "mean error [m]" in printed
-    table = np.loadtxt(out, delimiter=",", skiprows=1, usecols=(1, 2, 3))
+    table = np.loadtxt(estimates_path, delimiter=",", skiprows=1, usecols=(1, 2, 3))
     settled = table[table[:, 0] > table[0, 0] + 20.0]
-    off = np.hypot(settled[:, 1] - (settled[:, 0] - table[0, 0]), settled[:, 2])
-    assert off[:-2].max() < 0.5
+    error = np.hypot(settled[:, 1] - (settled[:, 0] - table[0, 0]), settled[:, 2])
+    assert error[:-2].max() < 0.5
     recorded = read_data_set_log(log).measurements
     assert recorded.transmitters is not None
     for name, (east, north, speed) in robots.items():
         # each robot's ranges come with a message that is its own
-        own = np.flatnonzero(np.isclose(recorded.message[:, 1], east, rtol=0.0, atol=1e-6))
-        assert own.size == n - 2, name
-        np.testing.assert_allclose(recorded.message[own, 4], speed, atol=1e-9)
-        assert recorded.message[own, 2].min() > north
+        messages_of_robot = np.flatnonzero(
+            np.isclose(recorded.message[:, 1], east, rtol=0.0, atol=1e-6)
+        )
+        assert messages_of_robot.size == poses - 2, name
+        np.testing.assert_allclose(recorded.message[messages_of_robot, 4], speed, atol=1e-9)
+        assert recorded.message[messages_of_robot, 2].min() > north
 
 
-STEP_NOISE = "0.0009 0 0 0.0009 0 0.0004"
-"""Of a second of odometry: 0.03 m along either axis and 1.15° of heading."""
+COVARIANCE_OF_STEP = "0.0009 0 0 0.0009 0 0.0004"
+"""Upper triangle, of a second of odometry: σ of 0.03 m along either axis and 1.15° of heading."""
 
 
 def graph_of_robots(robots: int, seed: int, heading_walk: float = 0.02) -> str:
-    """A circles in two minutes, as do other robots around it, all by odometry whose heading walks
-    off by so much [rad/√s]; ranges from A to each once a second, σ = 0.1 m. Nothing for 24 s.
+    """A circles in two minutes, as do other robots around it, for 240 s; true headings walk off
+    those of the odometry by so much [rad/√s]. Ranges from A have σ = 0.1 m and come each second to
+    B, every second one to C, every third to D …. From 101 to 123 s there are neither poses nor
+    ranges.
     """
     rng = np.random.default_rng(seed)
-    n = 240
+    seconds = 240
     names = "ABCDEFG"[: robots + 1]
     pose = {name: np.array([0.0, 0.0, 0.5 * i]) for i, name in enumerate(names)}
     for i, name in enumerate(names[1:]):
         pose[name][:2] = 15.0 * np.cos(1.9 * i), 15.0 * np.sin(1.9 * i)
     lines = []
     count = 0
-    for k in range(n):
+    for k in range(seconds):
         silent = 100 < k < 124
-        for name, at in pose.items():
+        for name, pose_of_robot in pose.items():
             if k:
-                turn = 2.0 * np.pi / 120.0
-                at[:2] += 0.5 * np.array([np.cos(at[2]), np.sin(at[2])])
-                at[2] += turn + heading_walk * rng.standard_normal()
+                rotation = 2.0 * np.pi / 120.0
+                pose_of_robot[:2] += 0.5 * np.array(
+                    [np.cos(pose_of_robot[2]), np.sin(pose_of_robot[2])]
+                )
+                pose_of_robot[2] += rotation + heading_walk * rng.standard_normal()
             if not silent:
-                values = " ".join(map(str, at.tolist()))
+                values = " ".join(map(str, pose_of_robot.tolist()))
                 lines.append(f"VERTEX_SE2 {k}.0 {name}{count} {values}")
                 steps = k - (100 if k == 124 else k - 1)
                 if k:
-                    way = np.array([0.0, 0.0, 0.0])
+                    step_pose = np.array([0.0, 0.0, 0.0])
                     for _ in range(steps):
-                        s, c = np.sin(way[2]), np.cos(way[2])
-                        way += [0.5 * c, 0.5 * s, 2.0 * np.pi / 120.0]
-                    step = " ".join(map(str, way.tolist()))
+                        sine, cosine = np.sin(step_pose[2]), np.cos(step_pose[2])
+                        step_pose += [0.5 * cosine, 0.5 * sine, 2.0 * np.pi / 120.0]
+                    step = " ".join(map(str, step_pose.tolist()))
                     edge = f"{name}{count - 1} {name}{count}"
-                    lines.append(f"EDGE_SE2 {k}.0 {edge} {step} {STEP_NOISE}")
+                    lines.append(f"EDGE_SE2 {k}.0 {edge} {step} {COVARIANCE_OF_STEP}")
         for i, name in enumerate(names[1:]):
-            if 0 < k < n - 1 and not silent and (k + i) % (1 + i) == 0:
-                gap = math.hypot(*(pose[name] - pose["A"])[:2]) + 0.1 * rng.standard_normal()
-                lines.append(f"EDGE_RANGE {k}.0 A{count} {name}{count} {gap} 0.01")
+            if 0 < k < seconds - 1 and not silent and (k + i) % (1 + i) == 0:
+                distance = math.hypot(*(pose[name] - pose["A"])[:2]) + 0.1 * rng.standard_normal()
+                lines.append(f"EDGE_RANGE {k}.0 A{count} {name}{count} {distance} 0.01")
         count += not silent
     return "\n".join(lines)
 
 
 @pytest.mark.system
 def test_robots_whose_odometry_drifts_are_navigated_by_consistently(tmp_path: Path) -> None:
-    """Each robot's heading is 18° off after four minutes. A mean NEES of 2 is right; with one
-    constant error of each robot's place it is beyond 10.
+    """Each robot's heading is 18° off after four minutes (0.02 rad/√s · √240 s). A mean NEES of 2,
+    the number of coordinates, is right; where drift is set to zero, so that the error of a robot's
+    place is constant, it is beyond 10.
 
-    Steps of 24 s are no readings that are missing.
+    The step of 24 s in which nothing was recorded is not taken for missing readings.
     """
-    scores = []
-    rigid = []
+    scores_with_drift = []
+    scores_without_drift = []
     for seed in range(4):
         data = read_data_set(graph(tmp_path, graph_of_robots(3, seed)))
         assert data.moving == ("B", "C", "D")
@@ -787,16 +816,19 @@ def test_robots_whose_odometry_drifts_are_navigated_by_consistently(tmp_path: Pa
         assert data.stated["track_heading_walk"] == pytest.approx(0.02)
         write_data_set(data, tmp_path / "a.mcap")
         recorded = read_data_set_log(tmp_path / "a.mcap")
-        for results, keys in (
-            (scores, {}),
-            (rigid, {"track_slip_m_sqrt_s": 0.0, "track_heading_walk_deg_sqrt_s": 0.0}),
+        for results, settings in (
+            (scores_with_drift, {}),
+            (
+                scores_without_drift,
+                {"track_slip_m_sqrt_s": 0.0, "track_heading_walk_deg_sqrt_s": 0.0},
+            ),
         ):
             estimates, _ = navigate_among_beacons(
-                recorded, BeaconReplaySettings(medium="air", **keys)
+                recorded, BeaconReplaySettings(medium="air", **settings)
             )
             results.append(score(estimates, recorded.measurements, recorded.truth))
-    assert 0.7 < np.mean([each.nees for each in scores]) < 3.0
-    assert np.mean([each.nees for each in rigid]) > 10.0
+    assert 0.7 < np.mean([each.nees for each in scores_with_drift]) < 3.0
+    assert np.mean([each.nees for each in scores_without_drift]) > 10.0
 
 
 def test_of_many_robots_three_with_the_most_ranges_are_taken(tmp_path: Path) -> None:
@@ -805,6 +837,6 @@ def test_of_many_robots_three_with_the_most_ranges_are_taken(tmp_path: Path) -> 
     log = tmp_path / "a.mcap"
     printed = run("log", "import", tmp_path / "graph.pyfg", "--out", log)
     assert "ranges to E, F left out" in " ".join(printed.split())
-    heard = read_data_set_log(log).measurements
+    measured = read_data_set_log(log).measurements
     counts = [np.count_nonzero(data.range_beacon == i) for i in range(5)]
-    assert np.count_nonzero(np.isfinite(heard.ranges)) == sum(counts[:3])
+    assert np.count_nonzero(np.isfinite(measured.ranges)) == sum(counts[:3])

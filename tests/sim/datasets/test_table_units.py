@@ -39,34 +39,35 @@ def table(
     offset_s: float = 0.0,
 ) -> Path:
     """A vehicle and its leader on one course at one speed, 20 m apart at one depth; a message a
-    second or a row. Numbers are those of SI units times `scales`.
+    second, or with each row where rows are further apart. `headers` replaces those of columns, by
+    field; numbers are those of SI units times `scales`.
     """
     random = np.random.default_rng(2)
     course = math.radians(course_deg)
     names = {**HEADERS, **headers}
     lines = [",".join(names.values())]
-    every = max(1, round(1.0 / interval_s))
+    rows_per_message = max(1, round(1.0 / interval_s))
     for k in range(1, rows + 1):
         time = interval_s * k
-        way = speed * time
-        values = {
+        distance = speed * time
+        cell_values = {
             "time": time + offset_s,
             "speed": speed * (1.0 + random.normal(0.0, 0.01)),
             "heading": course + random.normal(0.0, math.radians(0.3)),
             "depth": 8.0,
         }
-        if k % every == 0:
-            values |= {
+        if k % rows_per_message == 0:
+            cell_values |= {
                 "leader_timestamp": time + offset_s,
-                "leader_east": way * math.sin(course) + 20.0 * math.cos(course),
-                "leader_north": way * math.cos(course) - 20.0 * math.sin(course),
+                "leader_east": distance * math.sin(course) + 20.0 * math.cos(course),
+                "leader_north": distance * math.cos(course) - 20.0 * math.sin(course),
                 "leader_heading": course + random.normal(0.0, math.radians(0.3)),
                 "leader_speed": speed,
                 "leader_depth": 8.0,
                 "range_rear": 20.0 + random.normal(0.0, 0.02),
             }
         cells = (
-            f"{values[name] * scales.get(name, 1.0):.10g}" if name in values else ""
+            f"{cell_values[name] * scales.get(name, 1.0):.10g}" if name in cell_values else ""
             for name in names
         )
         lines.append(",".join(cells))
@@ -83,7 +84,7 @@ BARE_ANGLES = {"heading": "heading", "leader_heading": "leader_heading"}
 def test_northern_courses_without_a_unit_are_those_that_the_leader_took(
     tmp_path: Path, course_deg: float, unit: str
 ) -> None:
-    """8 rad are no course of 8 degrees; in rad, 8 degrees are 0.14."""
+    """A heading of 8 is 8° if the leader goes that way; a heading of 0.14 is then in radians."""
     scale = DEGREES if unit == "deg" else 1.0
     scales = {"heading": scale, "leader_heading": scale}
     read = read_vehicle_table(table(tmp_path, BARE_ANGLES, scales, course_deg=course_deg))
@@ -95,7 +96,9 @@ def test_northern_courses_without_a_unit_are_those_that_the_leader_took(
 
 
 def test_the_ranges_tell_the_unit_where_the_leader_heads_due_north(tmp_path: Path) -> None:
-    """The vehicle's heading scatters by 30 degrees if its degrees are read as radians."""
+    """The leader's header states rad, and 3 of the vehicle may be either: read as radians, its
+    heading of 3° ± 0.3° would scatter by 0.3 rad, which the ranges contradict.
+    """
     headers = {"heading": "heading"}
     path = table(tmp_path, headers, {"heading": DEGREES}, course_deg=3.0)
     with pytest.raises(LaisnError, match=r"fits deg by .*leader_heading_rad is in rad.*\[deg\]"):
@@ -125,7 +128,9 @@ def test_knots_beside_a_bare_speed_in_metres_per_second_are_refused(tmp_path: Pa
         read_vehicle_table(path)
 
 
-def test_angles_that_nothing_tells_are_refused_with_the_header_that_does(tmp_path: Path) -> None:
+def test_angles_whose_unit_nothing_tells_are_refused_with_a_header_that_would(
+    tmp_path: Path,
+) -> None:
     """Nothing moves, and 3 may be radians or degrees."""
     scales = {"heading": DEGREES, "leader_heading": DEGREES}
     path = table(tmp_path, BARE_ANGLES, scales, course_deg=3.0, speed=0.0)
@@ -174,7 +179,7 @@ def test_a_clock_since_the_start_of_a_computer_is_no_date(tmp_path: Path) -> Non
 def test_a_date_in_another_unit_than_the_leaders_clock_is_refused(tmp_path: Path) -> None:
     headers = {"time": "time", "leader_timestamp": "leader_timestamp [ns]"}
     scales = {"time": 1e6, "leader_timestamp": 1e9}
-    # one reception tells nothing of intervals
+    # 15 rows have one reception, which tells nothing of intervals
     path = table(tmp_path, headers, scales, offset_s=1.7e9, rows=15)
     with pytest.raises(LaisnError, match=r"time without a unit may be in .*us.*'time \[.*us\]'"):
         read_vehicle_table(path)
@@ -184,7 +189,7 @@ def test_unusual_intervals_in_the_unit_of_the_leaders_clock_are_refused(tmp_path
     """Rows every 0.2 s in microseconds would be 0.2 ms apart in the clock's nanoseconds."""
     headers = {"time": "time", "leader_timestamp": "leader_timestamp [ns]"}
     scales = {"time": 1e6, "leader_timestamp": 1e9}
-    # one reception tells nothing of intervals
+    # 8 rows have one reception, which tells nothing of intervals
     path = table(tmp_path, headers, scales, interval_s=0.2, rows=8)
     with pytest.raises(LaisnError, match=r"time without a unit may be in .*us.*'time \[.*us\]'"):
         read_vehicle_table(path)
@@ -203,7 +208,8 @@ def test_a_time_that_fits_in_no_unit_is_refused(tmp_path: Path) -> None:
 
 BARE_SPEEDS = {"speed": "speed", "leader_speed": "leader_speed"}
 LENGTHS = ("depth", "leader_east", "leader_north", "leader_depth", "range_rear")
-OTHERS = {
+# headers, factors of numbers, and words of the error
+CONTRADICTED_UNITS = {
     "both speeds in km/h": (BARE_SPEEDS, dict.fromkeys(BARE_SPEEDS, 3.6), r"'speed \[km/h\]'"),
     "own speed in cm/s": (BARE_SPEEDS, {"speed": 100.0}, r"'speed \[cm/s\]' or 'speed \[m/s\]'"),
     "leader in m/s beside a vehicle in mm/s": (
@@ -225,10 +231,14 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("case", OTHERS)
-def test_units_that_are_not_those_of_columns_without_are_refused(tmp_path: Path, case: str) -> None:
-    """What headers without a unit mean is contradicted by the leader's way, or by the ranges."""
-    headers, scales, words = OTHERS[case]
+@pytest.mark.parametrize("case", CONTRADICTED_UNITS)
+def test_other_units_than_headers_without_a_unit_stand_for_are_refused(
+    tmp_path: Path, case: str
+) -> None:
+    """Headers without a unit stand for SI units here, which the leader's track or the ranges
+    contradict.
+    """
+    headers, scales, words = CONTRADICTED_UNITS[case]
     with pytest.raises(LaisnError, match=words):
         read_vehicle_table(table(tmp_path, headers, scales, course_deg=40.0))
 
@@ -317,12 +327,12 @@ def test_heights_are_no_depths(tmp_path: Path, field: str) -> None:
 def test_cells_and_quotes_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     path = table(tmp_path, {}, {})
     lines = path.read_text(encoding="utf-8").splitlines()
-    for number, row, words in (
+    for number, broken_line, words in (
         (0, f'{lines[0]},"', r"mine\.csv: the header 'time.*quote not closed"),
         (7, f'"{lines[7]}', r"mine\.csv, row 7: .*quote not closed"),
         (7, f"{'9' * 140_000}{lines[7]}", r"mine\.csv, row 7: .*131072"),
     ):
-        changed = [*lines[:number], row, *lines[number + 1 :]]
-        path.write_text("\n".join(changed), encoding="utf-8")
+        broken_lines = [*lines[:number], broken_line, *lines[number + 1 :]]
+        path.write_text("\n".join(broken_lines), encoding="utf-8")
         with pytest.raises(LaisnError, match=words):
             read_vehicle_table(path)

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,16 +22,18 @@ LEADER = (
 def table(
     folder: Path, *, delimiter: str = ",", start: float = 5.0, unit: str = "", scale: float = 1.0
 ) -> Path:
-    """20 s at 10 Hz with jitter, heading 90°; a ping every second; a byte order mark."""
+    """20 s at 10 Hz with jitter, heading 90°; a reception every second; with a byte order mark.
+    Times in the table are those in s times `scale`, under the header time and `unit`.
+    """
     random = np.random.default_rng(3)
     lines = [f"time{unit},speed [kn],heading_deg,depth,note,{LEADER}"]
     for k in range(200):
-        at = start + 0.1 * k + random.uniform(-0.02, 0.02)
-        received = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
+        time_s = start + 0.1 * k + random.uniform(-0.02, 0.02)
+        reception_cells = f"{k},20.0,45,1.5,8.0,30.5,31.5" if k % 10 == 9 else ",,,,,,"
         lines.append(
-            f"{at * scale:.9g},2,90.0,5.0,x,{received}"
+            f"{time_s * scale:.9g},2,90.0,5.0,x,{reception_cells}"
             if scale == 1.0
-            else f"{at * scale:.0f},2,90.0,5.0,x,{received}"
+            else f"{time_s * scale:.0f},2,90.0,5.0,x,{reception_cells}"
         )
     path = folder / "mine.csv"
     path.write_text("\n".join(lines).replace(",", delimiter), encoding="utf-8-sig")
@@ -38,7 +41,7 @@ def table(
 
 
 @pytest.mark.parametrize(
-    ("options", "format_"),
+    ("options", "clock_unit"),
     [
         ({}, "s"),
         ({"delimiter": ";"}, "s"),
@@ -51,10 +54,10 @@ def table(
     ],
 )
 def test_a_table_is_read_with_any_delimiter_and_clock(
-    tmp_path: Path, options: dict[str, float], format_: str
+    tmp_path: Path, options: dict[str, Any], clock_unit: str
 ) -> None:
-    actual = read_vehicle_table(table(tmp_path, **options))  # type: ignore[arg-type]
-    assert actual.remarks[0].startswith(f"time{options.get('unit', '')}: time in {format_}, ")
+    actual = read_vehicle_table(table(tmp_path, **options))
+    assert actual.remarks[0].startswith(f"time{options.get('unit', '')}: time in {clock_unit}, ")
     assert "speed [kn]: speed in kn" in actual.remarks
     assert actual.remarks[-1] == "not used: note"
     write_vehicle_table(actual, tmp_path / "a.mcap")
@@ -74,11 +77,11 @@ def test_a_table_is_read_with_any_delimiter_and_clock(
 def test_dates_and_degrees_without_a_unit_are_recognised(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     rows = [f"2026-05-01T12:00:{k:02}.500Z,1.0,270,5.0,0,0,90,0,5,40" for k in range(10)]
-    head = (
+    header = (
         "time,speed,heading,depth,"
         "leader_east,leader_north,leader_heading,leader_speed,leader_depth,range_rear"
     )
-    path.write_text("\n".join([head, *rows]), encoding="utf-8")
+    path.write_text("\n".join([header, *rows]), encoding="utf-8")
     actual = read_vehicle_table(path)
     assert np.diff(actual.time_ns).tolist() == [10**9] * 9
     assert actual.columns["heading"] == pytest.approx(np.full(10, 1.5 * math.pi))
@@ -98,12 +101,12 @@ def test_decimal_commas_are_read_in_all_columns(tmp_path: Path) -> None:
 def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
     """A pitch of 3 could be in radians; beside a heading of 270 it is in degrees."""
     path = tmp_path / "mine.csv"
-    head = (
+    header = (
         "t,speed,heading,depth,"
         "leader_east,leader_north,leader_heading,leader_speed,leader_depth,leader_pitch"
     )
     rows = [f"{k},1.0,270,5.0,0,0,10,0,5,3,40" for k in range(10)]
-    path.write_text("\n".join([f"{head},range_rear", *rows]), encoding="utf-8")
+    path.write_text("\n".join([f"{header},range_rear", *rows]), encoding="utf-8")
     columns = read_vehicle_table(path).columns
     assert columns["leader_pitch"] == pytest.approx(np.full(10, math.radians(3)))
     assert columns["leader_heading"] == pytest.approx(np.full(10, math.radians(10)))
@@ -128,15 +131,16 @@ def test_errors_of_a_table_are_reported(tmp_path: Path, old: str, new: str, word
 
 def test_a_table_without_a_range_is_refused(tmp_path: Path) -> None:
     path = table(tmp_path)
-    head, *rows = path.read_text(encoding="utf-8-sig").splitlines()
-    at = [name.startswith("range_") for name in head.split(",")]
-    emptied = [
+    header, *rows = path.read_text(encoding="utf-8-sig").splitlines()
+    is_range_column = [name.startswith("range_") for name in header.split(",")]
+    rows_without_ranges = [
         ",".join(
-            "" if is_range else cell for cell, is_range in zip(row.split(","), at, strict=True)
+            "" if is_range else cell
+            for cell, is_range in zip(row.split(","), is_range_column, strict=True)
         )
         for row in rows
     ]
-    path.write_text("\n".join([head, *emptied]), encoding="utf-8")
+    path.write_text("\n".join([header, *rows_without_ranges]), encoding="utf-8")
     with pytest.raises(
         LaisnError, match=r"no row has a range, all cells of range_rear.* are empty"
     ):

@@ -26,16 +26,21 @@ def true_time(time: float) -> float:
     return time
 
 
-def rows(
-    own: Clock = true_time, leader: Clock = true_time, *, left_out: tuple[int, int] = (0, 0)
+def table_lines(
+    own_clock: Clock = true_time,
+    leader_clock: Clock = true_time,
+    *,
+    left_out: tuple[int, int] = (0, 0),
 ) -> list[str]:
-    """100 s at 10 Hz with a message a second, dated by two clocks; rows of a range are left out."""
+    """100 s at 10 Hz with a message a second, dated by two clocks, which are functions of the true
+    time [s]; rows of a range of numbers are left out. The leader's east [m] is the true time [s].
+    """
     lines = []
     for k in range(1, 1001):
         time = 0.1 * k
-        message = f"{leader(time):.3f},{time:.3f},20,90,1,8,20" if k % 10 == 0 else ",,,,,,"
+        message = f"{leader_clock(time):.3f},{time:.3f},20,90,1,8,20" if k % 10 == 0 else ",,,,,,"
         if not left_out[0] <= k < left_out[1]:
-            lines.append(f"{own(time):.3f},1,90,8,{message}")
+            lines.append(f"{own_clock(time):.3f},1,90,8,{message}")
     return lines
 
 
@@ -45,15 +50,18 @@ def read(folder: Path, lines: list[str], header: str = HEADER) -> VehicleTable:
     return read_vehicle_table(path)
 
 
-def received(table: VehicleTable) -> tuple[np.ndarray, np.ndarray]:
-    """Time of each reception since the first row, and true time of its emission [s]."""
-    there = np.isfinite(table.columns["range_rear"])
-    since = (table.reception_ns[there] - table.time_ns[0]) / 1e9 + 0.1
-    return since, table.columns["leader_east"][there]
+def reception_and_emission_times(table: VehicleTable) -> tuple[np.ndarray, np.ndarray]:
+    """Time of each reception as read, the first row's being 0.1 s, and true time of its emission by
+    the leader's east [s].
+    """
+    is_received = np.isfinite(table.columns["range_rear"])
+    reception_time = (table.reception_ns[is_received] - table.time_ns[0]) / 1e9 + 0.1
+    return reception_time, table.columns["leader_east"][is_received]
 
 
-def stepped(step: float, at: float = 60.0) -> Clock:
-    return lambda time: 40.0 + time + (step if time > at + 0.05 else 0.0)
+def stepped(step: float, step_time: float = 60.0) -> Clock:
+    """A clock that is 40 s ahead, and steps by a number of seconds after a true time [s]."""
+    return lambda time: 40.0 + time + (step if time > step_time + 0.05 else 0.0)
 
 
 @pytest.mark.parametrize("step", [-30.03, -0.35])
@@ -61,30 +69,34 @@ def stepped(step: float, at: float = 60.0) -> Clock:
 def test_a_clock_that_steps_back_is_corrected(
     tmp_path: Path, step: float, leader_too: bool
 ) -> None:
-    table = read(tmp_path, rows(stepped(step), stepped(step) if leader_too else stepped(0.0)))
-    since, truth = received(table)
-    assert since == pytest.approx(truth, abs=1e-6)
+    table = read(
+        tmp_path, table_lines(stepped(step), stepped(step) if leader_too else stepped(0.0))
+    )
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
     assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
     clocks = "time [s] and the leader's clock step" if leader_too else "time [s] steps"
     start = f"{clocks} back by {-step:g} s after row 600, 59.9 s after the first; later rows"
     assert [remark for remark in table.remarks if remark.startswith(start)], table.remarks
     sent = table.columns["leader_timestamp"][np.isfinite(table.columns["range_rear"])]
-    assert sent == pytest.approx(40.0 + truth)
+    assert sent == pytest.approx(40.0 + emission_time)
 
 
 def test_a_clock_that_steps_back_before_the_first_row_is_corrected(tmp_path: Path) -> None:
-    """No time of the recording is met again."""
-    table = read(tmp_path, rows(lambda time: 500.0 + time - (300.0 if time > 60.05 else 0.0)))
-    since, truth = received(table)
-    assert since == pytest.approx(truth, abs=1e-6)
+    """The clock steps 300 s back to before the first row: no time comes twice."""
+    table = read(
+        tmp_path, table_lines(lambda time: 500.0 + time - (300.0 if time > 60.05 else 0.0))
+    )
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
     assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
 
 
 def test_an_outage_at_a_step_back_lasts_as_long_as_the_leaders_clock_says(tmp_path: Path) -> None:
     """12 s without rows, after which the clock is 50 s behind."""
-    table = read(tmp_path, rows(stepped(-50.0), stepped(0.0), left_out=(601, 721)))
-    since, truth = received(table)
-    assert since == pytest.approx(truth, abs=1e-6)
+    table = read(tmp_path, table_lines(stepped(-50.0), stepped(0.0), left_out=(601, 721)))
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
     assert any("so that 12.1 s lie between" in remark for remark in table.remarks)
 
 
@@ -92,39 +104,41 @@ def test_an_outage_at_a_step_back_lasts_as_long_as_the_leaders_clock_says(tmp_pa
 def test_a_clock_that_steps_forward_is_corrected_by_the_leader(
     tmp_path: Path, leader_too: bool
 ) -> None:
-    table = read(tmp_path, rows(stepped(25.0), stepped(25.0) if leader_too else stepped(0.0)))
-    since, truth = received(table)
-    assert since == pytest.approx(truth, abs=1e-6)
-    by = "way" if leader_too else "clock"
-    words = f"time [s] steps forward by 25 s after row 600 by the leader's {by}; later rows"
+    table = read(
+        tmp_path, table_lines(stepped(25.0), stepped(25.0) if leader_too else stepped(0.0))
+    )
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
+    evidence = "way" if leader_too else "clock"
+    words = f"time [s] steps forward by 25 s after row 600 by the leader's {evidence}; later rows"
     assert any(remark.startswith(words) for remark in table.remarks), table.remarks
 
 
 def test_a_gap_is_reported_and_stays(tmp_path: Path) -> None:
-    table = read(tmp_path, rows(left_out=(301, 751)))
-    since, truth = received(table)
-    assert since == pytest.approx(truth, abs=1e-6)
+    table = read(tmp_path, table_lines(left_out=(301, 751)))
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
     assert "time [s]: gaps without own measurements: 45.1 s after row 300" in table.remarks
 
 
 def test_rows_out_of_order_that_fill_a_gap_are_sorted(tmp_path: Path) -> None:
-    lines = rows()
+    lines = table_lines()
     lines[200], lines[201] = lines[201], lines[200]
     # a packet of 30 rows that came late
     lines[500:560] = [*lines[530:560], *lines[500:530]]
     table = read(tmp_path, lines)
     assert np.diff(table.time_ns) == pytest.approx(np.full(999, 1e8))
-    since, truth = received(table)
-    assert since == pytest.approx(truth)
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time)
     assert "time [s]: rows out of order in 2 places, sorted" in table.remarks
 
 
 def test_two_streams_behind_each_other_are_merged(tmp_path: Path) -> None:
-    own = [f"{','.join(line.split(',')[:4])},,,,,,," for line in rows()]
-    messages = [f"{line.split(',')[0]},,,,{line.split(',', 4)[4]}" for line in rows()[9::10]]
+    own = [f"{','.join(line.split(',')[:4])},,,,,,," for line in table_lines()]
+    messages = [f"{line.split(',')[0]},,,,{line.split(',', 4)[4]}" for line in table_lines()[9::10]]
     table = read(tmp_path, [*own, *messages])
-    since, truth = received(table)
-    assert since == pytest.approx(truth)
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time)
     assert not any("back" in remark or "order" in remark for remark in table.remarks)
     # messages whose clock steps back within their stream
     with pytest.raises(LaisnError, match="the time of receptions steps back after row 1060"):
@@ -132,16 +146,16 @@ def test_two_streams_behind_each_other_are_merged(tmp_path: Path) -> None:
 
 
 def test_times_in_no_order_are_refused(tmp_path: Path) -> None:
-    lines = rows()
+    lines = table_lines()
     np.random.default_rng(1).shuffle(lines)
     with pytest.raises(LaisnError, match=r"steps back \d+ times, first after row \d+"):
         read(tmp_path, lines)
 
 
 def test_receptions_that_were_written_late_are_dated_by_the_leaders_clock(tmp_path: Path) -> None:
-    table = read(tmp_path, rows(lambda time: time + 10.0, lambda time: time + 8.0))
-    since, truth = received(table)
-    assert since == pytest.approx(truth - 2.0 + TRAVEL_S, abs=1e-3)
+    table = read(tmp_path, table_lines(lambda time: time + 10.0, lambda time: time + 8.0))
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time - 2.0 + TRAVEL_S, abs=1e-3)
     words = "100 of 100 receptions are older than sound needs, by 1.99 s (median)"
     assert any(remark.startswith(words) for remark in table.remarks), table.remarks
     write_vehicle_table(table, tmp_path / "late.mcap")
@@ -155,7 +169,7 @@ def test_receptions_that_are_older_than_sound_needs_between_slow_rows_are_remark
     tmp_path: Path,
 ) -> None:
     """Rows every 5 s, written up to 5 s after what they hold."""
-    slow = rows(lambda time: time + 10.0, lambda time: time + 8.0)[49::50]
+    slow = table_lines(lambda time: time + 10.0, lambda time: time + 8.0)[49::50]
     table = read(tmp_path, slow)
     assert table.reception_ns.tolist() == table.time_ns.tolist()
     words = "receptions are older than sound needs by 1.99 s (median), less than rows lie apart"
@@ -166,13 +180,13 @@ def test_receptions_that_are_older_than_sound_needs_between_slow_rows_are_remark
 def test_another_clock_of_the_leader_is_reported_and_not_used(
     tmp_path: Path, difference: float
 ) -> None:
-    table = read(tmp_path, rows(leader=lambda time: time + 2e9 - difference - 2e9))
-    since, truth = received(table)
-    assert since == pytest.approx(truth)
+    table = read(tmp_path, table_lines(leader_clock=lambda time: time - difference))
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time)
     assert any("another clock; receptions have the times" in remark for remark in table.remarks)
 
 
 def test_receptions_on_time_are_not_changed(tmp_path: Path) -> None:
-    table = read(tmp_path, rows())
+    table = read(tmp_path, table_lines())
     assert table.reception_ns.tolist() == table.time_ns.tolist()
     assert len(table.remarks) == HEADER.count(",") + 1
