@@ -31,7 +31,7 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     Some messages are not in yet with one of them when they are with the others.
     """
     rng = np.random.default_rng(8)
-    steps, start = Voyage(seed=2, messages=8, turns=0.05, offset=(-15.0, 9.0)).readings()
+    steps, start = Voyage(seed=2, messages=8, turn_sigma=0.05, offset=(-15.0, 9.0)).readings()
     mine: list[Step] = []
     for own, reception, _ in steps:
         owns = [

@@ -1,5 +1,5 @@
-"""The tightly coupled navigator as a whole: recovery, invariance, consistency, and errors that
-are told.
+"""The tightly coupled navigator as a whole: recovery, invariance, consistency, and refusals of
+invalid input.
 """
 
 from dataclasses import replace
@@ -40,16 +40,18 @@ def test_exact_measurements_with_constant_biases_lead_to_the_truth(
     mission = Mission(steps=6000)
     setting = TightSettings(assume=assume, transmitters=transmitters, heading_bias_sigma=0.15)
     result = TightNavigator(setting, mission.start).run(mission.measured(**errors))
-    off = np.hypot(*(result.state[-1000:, :2] - mission.follower[-1000:]).T)
+    error = np.hypot(*(result.state[-1000:, :2] - mission.follower[-1000:]).T)
     # biases that are taken to wander a little keep a little of every error
-    assert np.sqrt(np.mean(off**2)) < 0.055
+    assert np.sqrt(np.mean(error**2)) < 0.055
     last = dict(zip(result.names, result.full_state[-1], strict=True))
     assert last["log_bias_m_s"] == pytest.approx(errors["log"], abs=0.02)
     assert last["compass_bias_rad"] == pytest.approx(errors["compass"], abs=0.02)
     if "clock" in errors:
         # the scale error of ranges that are nearly equal is one with the clock's offset
-        late = errors["clock"][0] + errors["clock"][1] * DT * mission.steps
-        assert last["clock_offset_m"] + last["range_scale_m"] == pytest.approx(late, abs=0.05)
+        clock_offset = errors["clock"][0] + errors["clock"][1] * DT * mission.steps
+        assert last["clock_offset_m"] + last["range_scale_m"] == pytest.approx(
+            clock_offset, abs=0.05
+        )
         assert last["clock_drift_m_s"] == pytest.approx(errors["clock"][1], abs=3e-4)
     if "leader" in errors:
         assert last["leader_compass_bias_rad"] == pytest.approx(errors["leader"], abs=0.01)
@@ -61,15 +63,15 @@ def test_messages_that_are_late_as_a_whole_do_no_harm() -> None:
     """
     mission, rng = Mission(steps=6000, every=50), np.random.default_rng(4)
     measured = mission.measured(rng, log=0.2, compass=0.05, scale=0.1)
-    late = np.where(rng.random(mission.k.size) < 0.1, rng.uniform(0.3, 4.8, mission.k.size), 0.0)
-    off = []
-    for excess in (0.0 * late, late):
-        given = replace(measured, ranges=measured.ranges + excess[:, None])
-        actual = TightNavigator(TightSettings(transmitters=2), mission.start).run(given)
-        off.append(np.hypot(*(actual.state[:, :2] - mission.follower[1:]).T))
+    delay_m = np.where(rng.random(mission.k.size) < 0.1, rng.uniform(0.3, 4.8, mission.k.size), 0.0)
+    errors = []
+    for excess in (np.zeros(mission.k.size), delay_m):
+        received = replace(measured, ranges=measured.ranges + excess[:, None])
+        actual = TightNavigator(TightSettings(transmitters=2), mission.start).run(received)
+        errors.append(np.hypot(*(actual.state[:, :2] - mission.follower[1:]).T))
         assert actual.used[excess > 1.0].max(initial=0) <= 1
-    assert np.count_nonzero(late) > 5
-    assert np.sqrt(np.mean(off[1] ** 2)) < 1.2 * np.sqrt(np.mean(off[0] ** 2))
+    assert np.count_nonzero(delay_m) > 5
+    assert np.sqrt(np.mean(errors[1] ** 2)) < 1.2 * np.sqrt(np.mean(errors[0] ** 2))
 
 
 def test_a_current_is_found() -> None:
@@ -83,9 +85,9 @@ def test_a_current_is_found() -> None:
     assert np.hypot(*(result.state[-1, :2] - mission.follower[-1])) < 0.15
 
 
-def turned(measurements: Measurements, angle: float, shift: Floats) -> Measurements:
-    """Measurements of the mission as they are in a world that is turned clockwise by an angle
-    and moved.
+def turned_and_moved(measurements: Measurements, angle: float, shift: Floats) -> Measurements:
+    """Measurements of the same mission in a world that is turned clockwise by an angle [rad] and
+    then moved by a shift [m].
     """
     message = measurements.message.copy()
     message[:, 1:3] = rotated(message[:, 1:3], angle) + shift
@@ -107,7 +109,7 @@ def rotated(points: Floats, angle: float) -> Floats:
     seed=st.integers(0, 100),
 )
 @settings(max_examples=15, deadline=None, derandomize=True)
-def test_the_world_has_no_north_and_no_origin(
+def test_in_a_world_turned_and_moved_estimates_are_turned_and_moved_with_it(
     angle: float, east: float, north: float, transmitters: int, everything: bool, seed: int
 ) -> None:
     mission, shift = Mission(steps=600), np.array([east, north])
@@ -115,11 +117,13 @@ def test_the_world_has_no_north_and_no_origin(
         assume=EVERYTHING if everything else Assume(), transmitters=transmitters
     )
     measurements = mission.measured(np.random.default_rng(seed), log=0.2, compass=0.1)
-    here = run_mission(setting, measurements, mission.start)
-    there_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
-    there = run_mission(setting, turned(measurements, angle, shift), there_start)
+    estimates = run_mission(setting, measurements, mission.start)
+    moved_start = np.concatenate([rotated(mission.start[None, :2], angle)[0] + shift, np.zeros(2)])
+    moved_estimates = run_mission(
+        setting, turned_and_moved(measurements, angle, shift), moved_start
+    )
     np.testing.assert_allclose(
-        there.state[:, :2], rotated(here.state[:, :2], angle) + shift, atol=1e-5
+        moved_estimates.state[:, :2], rotated(estimates.state[:, :2], angle) + shift, atol=1e-5
     )
 
 
@@ -157,9 +161,9 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
             compass=rng.normal(0, np.deg2rad(8.0)),
             scale=rng.normal(0, 0.2),
         )
-        where, spread, _ = run_mission(setting, measurements, mission.start)
-        x, y = (where[:, :2] - mission.follower[1:]).T
-        xx, xy, yy = spread.T
+        state, covariance, _ = run_mission(setting, measurements, mission.start)
+        x, y = (state[:, :2] - mission.follower[1:]).T
+        xx, xy, yy = covariance.T
         squared[run] = x**2 + y**2
         normalised[run] = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
     arms = mission.arms()
@@ -185,24 +189,24 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     model, mission = model_of(setting), Mission(steps=10_000)
     belief = new_belief(setting, model, (mission.start[0], mission.start[1]))
     measurements = mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
-    own, step = (measurements.speed, measurements.heading), measurements.message_step
+    readings, step = (measurements.speed, measurements.heading), measurements.message_step
     messages = (
         step,
         measurements.message.view(swarm.MESSAGE)[:, 0],
         measurements.ranges,
         measurements.depth[step - 1],
     )
-    actual = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
-    backwards = mission.follower[-1] - mission.follower[0]
+    estimates = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
+    way_of_lap = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_signal(), own, messages, actual) == 0
+        assert filter_mission(belief, model, new_signal(), readings, messages, estimates) == 0
         for k in range(int(belief.n_hypotheses) * model.modes):
             covariance = belief.covariance[k, : model.states, : model.states]
             np.testing.assert_array_equal(covariance, covariance.T)
             sigma = np.sqrt(np.diag(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > 1e-9, lap
         # the next lap begins where the mission began
-        belief.state[:, :2] -= backwards
+        belief.state[:, :2] -= way_of_lap
 
 
 OWN = OwnMotion(1.0, 0.2, 8.0)
@@ -242,26 +246,28 @@ def test_invalid_measurements_are_reported_and_leave_the_estimate_unchanged(
 
 def test_lost_ranges_and_messages_widen_the_covariance() -> None:
     mission = Mission(steps=600)
-    whole = mission.measured(np.random.default_rng(2))
-    ranges = whole.ranges.copy()
+    complete = mission.measured(np.random.default_rng(2))
+    ranges = complete.ranges.copy()
     ranges[30:] = np.nan
-    lost = TightNavigator(TightSettings(), mission.start).run(replace(whole, ranges=ranges))
-    kept = TightNavigator(TightSettings(), mission.start).run(whole)
-    assert np.array_equal(lost.state[:309], kept.state[:309])
-    assert lost.used[29:].tolist() == [3] + [0] * 30
-    assert np.all(np.isnan(lost.nis[30:]))
-    spread = np.trace(lost.covariance[:, :2, :2], axis1=1, axis2=2)
-    assert np.all(np.diff(spread[300:]) > 0)
-    assert spread[-1] > 4 * np.trace(kept.covariance[-1, :2, :2])
-    # without a message at all it is the same dead reckoning
-    few = replace(
-        whole,
-        message_step=whole.message_step[:30],
-        message=whole.message[:30],
-        ranges=whole.ranges[:30],
+    without_ranges = TightNavigator(TightSettings(), mission.start).run(
+        replace(complete, ranges=ranges)
     )
-    silent = TightNavigator(TightSettings(), mission.start).run(few)
-    np.testing.assert_allclose(silent.state[-1], lost.state[-1], atol=0.02)
+    undisturbed = TightNavigator(TightSettings(), mission.start).run(complete)
+    assert np.array_equal(without_ranges.state[:309], undisturbed.state[:309])
+    assert without_ranges.used[29:].tolist() == [3] + [0] * 30
+    assert np.all(np.isnan(without_ranges.nis[30:]))
+    variance = np.trace(without_ranges.covariance[:, :2, :2], axis1=1, axis2=2)
+    assert np.all(np.diff(variance[300:]) > 0)
+    assert variance[-1] > 4 * np.trace(undisturbed.covariance[-1, :2, :2])
+    # without a message at all it is the same dead reckoning
+    first_messages = replace(
+        complete,
+        message_step=complete.message_step[:30],
+        message=complete.message[:30],
+        ranges=complete.ranges[:30],
+    )
+    without_messages = TightNavigator(TightSettings(), mission.start).run(first_messages)
+    np.testing.assert_allclose(without_messages.state[-1], without_ranges.state[-1], atol=0.02)
 
 
 def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
@@ -276,8 +282,8 @@ def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
     result = TightNavigator(TightSettings(transmitters=2), mission.start).run(
         mission.measured(np.random.default_rng(3), log=0.2, compass=0.1)
     )
-    both = np.count_nonzero(result.weight > 0.0, axis=1) > 1
-    assert np.count_nonzero(both) > 10
+    ambiguous = np.count_nonzero(result.weight > 0.0, axis=1) > 1
+    assert np.count_nonzero(ambiguous) > 10
     assert np.all(np.diff(result.weight, axis=1) <= 0.0)
     assert result.weight.sum(axis=1) == pytest.approx(np.ones(len(result.weight)))
     # the mean over the mixture is that of its output hypotheses
@@ -287,17 +293,17 @@ def test_hypotheses_are_output_heaviest_first_and_one_is_at_the_truth() -> None:
 
 def test_single_ranges_keep_an_estimate_that_one_transmitter_alone_gives() -> None:
     mission = Mission(steps=3000)
-    whole = mission.measured(np.random.default_rng(4), log=0.1)
-    ranges = whole.ranges.copy()
+    complete = mission.measured(np.random.default_rng(4), log=0.1)
+    ranges = complete.ranges.copy()
     ranges[np.arange(len(ranges)) % 2 == 0, 0] = np.nan
     ranges[np.arange(len(ranges)) % 2 == 1, 1:] = np.nan
-    result = TightNavigator(TightSettings(), mission.start).run(replace(whole, ranges=ranges))
-    off = result.state[:, :2] - mission.follower[1:]
+    result = TightNavigator(TightSettings(), mission.start).run(replace(complete, ranges=ranges))
+    error = result.state[:, :2] - mission.follower[1:]
     normalised = np.einsum(
-        "ni,ni->n", off, np.linalg.solve(result.covariance[:, :2, :2], off[..., None])[..., 0]
+        "ni,ni->n", error, np.linalg.solve(result.covariance[:, :2, :2], error[..., None])[..., 0]
     )
     assert normalised.mean() < 6.0
-    assert np.hypot(*off.T).max() < 5.0
+    assert np.hypot(*error.T).max() < 5.0
 
 
 def test_invalid_estimates_and_settings_are_reported() -> None:

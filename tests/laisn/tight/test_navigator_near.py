@@ -20,8 +20,8 @@ START = np.zeros(4)
 
 
 def abreast(bearing_deg: float, distance: float, deeper: float, run: int) -> Measurements:
-    """A follower that keeps its place beside a leader on a straight course east at 1 m/s, with the
-    paper's errors; the leader passes the origin of the follower's start at that place.
+    """Of a follower that starts at the origin and keeps its bearing and distance [m] from a leader
+    on a straight course east at 1 m/s, `deeper` below it [m], with the paper's errors.
     """
     rng = np.random.default_rng([run, int(10 * distance), int(bearing_deg)])
     k = np.arange(EVERY, STEPS + 1, EVERY)
@@ -53,18 +53,19 @@ def normalised_error(bearing_deg: float, distance: float, deeper: float) -> floa
     """Mean eᵀP⁻¹e over steps and runs; 2 for a right covariance."""
     truth = np.zeros((STEPS, 2))
     truth[:, 0] = DT * np.arange(1, STEPS + 1)
-    values = []
+    nees = []
     for run in range(RUNS):
         measured = abreast(bearing_deg, distance, deeper, run)
         estimates = run_mission(TightSettings(transmitters=2), measured, START)
         e: Floats = estimates.state[:, :2] - truth
         xx, xy, yy = estimates.covariance.T
         squared = e[:, 0] ** 2 * yy - 2.0 * e[:, 0] * e[:, 1] * xy + e[:, 1] ** 2 * xx
-        values.append(np.mean(squared / (xx * yy - xy**2)))
-    return float(np.mean(values))
+        nees.append(np.mean(squared / (xx * yy - xy**2)))
+    return float(np.mean(nees))
 
 
-PLACES = [
+POSITIONS = [
+    # bearing from the leader's bow [°], horizontal distance [m], depth below the leader [m]
     (90.0, 1.5, 0.0),
     (30.0, 1.0, 0.0),
     (150.0, 2.0, 0.0),
@@ -80,7 +81,7 @@ PLACES = [
 ]
 
 
-@pytest.mark.parametrize(("bearing_deg", "distance", "deeper"), PLACES)
+@pytest.mark.parametrize(("bearing_deg", "distance", "deeper"), POSITIONS)
 def test_the_covariance_holds_near_and_far(
     bearing_deg: float, distance: float, deeper: float
 ) -> None:
@@ -98,7 +99,7 @@ def test_errors_near_the_leader_do_not_grow_with_time() -> None:
     for run in range(RUNS):
         measured = abreast(90.0, 1.5, 0.0, run)
         estimates = run_mission(TightSettings(transmitters=2), measured, START)
-        off = estimates.state[:, 1]
-        parts = [off[begin:end].mean() for begin, end in pairwise((1000, 2000, 3000, 4000))]
-        drifts.append(parts[-1] - parts[0])
+        north_error = estimates.state[:, 1]
+        means = [north_error[begin:end].mean() for begin, end in pairwise((1000, 2000, 3000, 4000))]
+        drifts.append(means[-1] - means[0])
     assert abs(float(np.mean(drifts))) < 0.05

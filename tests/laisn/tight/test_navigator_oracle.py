@@ -1,6 +1,7 @@
 """The tightly coupled navigator against one that is written independently, message by message."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ EVERYTHING = Assume(
 
 @dataclass(frozen=True, kw_only=True)
 class Voyage:
-    """Motion of a leader and a follower; all else follows from the seed."""
+    """Motion of a leader and a follower; all errors are drawn from the seed."""
 
     seed: int = 0
     messages: int = 20
@@ -35,24 +36,29 @@ class Voyage:
     """Steps from message to message."""
     offset: tuple[float, float] = (-14.0, 9.0)
     """Of the follower from the leader at the start: ahead and to port [m]."""
-    turns: float = 0.2
-    """Rate at which the leader's heading wanders, in a step [rad]."""
+    turn_sigma: float = 0.2
+    """Standard deviation of the change of the leader's heading in a step [rad]."""
     corner: float = 0.0
     """By how much the leader turns, all at once, after two thirds of the messages [rad]."""
-    echoes: float = 0.0
+    echo_share: float = 0.0
     """Share of ranges that are those of echoes."""
-    common: float = 0.0
-    """Share of messages that are late as a whole."""
-    lost: float = 0.0
-    alone: tuple[int, int] = (0, 0)
-    """Messages of which only the rear transmitter is received, by an echo."""
+    late_share: float = 0.0
+    """Share of messages whose ranges are all too long by the same."""
+    lost_share: float = 0.0
+    """Share of ranges that are not received."""
+    rear_echoes: tuple[int, int] = (0, 0)
+    """Numbers, from and to, of messages of which only the rear transmitter is received, by an echo
+    of 30 m.
+    """
     current: tuple[float, float] = (0.0, 0.0)
-    places: float = 0.0
-    """Standard deviation of the leader's broadcast position, and that in every second message
-    states itself [m].
+    position_sigma: float = 0.0
+    """Standard deviation of the position that the leader broadcasts [m]; every second message
+    states twice as much.
     """
     delay: float = 0.0
-    """Of messages, beside ranges of the places then [s]."""
+    """By how much a message's timestamp is earlier than the places that its ranges and position
+    belong to [s].
+    """
     jitter: float = 0.0
     """By how much steps differ in length, as a share of Δt."""
     dt: float = 0.5
@@ -62,17 +68,17 @@ class Voyage:
         rng, n = np.random.default_rng(self.seed), self.messages * self.every
         times = self.dt * (1.0 + self.jitter * rng.uniform(-1.0, 1.0, n))
         clock = np.cumsum(times)
-        theta = rng.uniform(-np.pi, np.pi) + np.cumsum(self.turns * rng.normal(size=n))
+        theta = rng.uniform(-np.pi, np.pi) + np.cumsum(self.turn_sigma * rng.normal(size=n))
         theta[2 * n // 3 :] += self.corner
         heading, speed = theta + 0.2 * np.sin(0.5 * clock), 1.2 + 0.4 * np.sin(0.8 * clock)
 
-        def way(speed: Floats, heading: Floats) -> Floats:
-            through = speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
-            return np.cumsum(times[:, None] * (through + np.array(self.current)), axis=0)
+        def path(speed: Floats, heading: Floats) -> Floats:
+            through_water = speed[:, None] * np.column_stack([np.sin(heading), np.cos(heading)])
+            return np.cumsum(times[:, None] * (through_water + np.array(self.current)), axis=0)
 
         ahead = np.array([np.sin(theta[0]), np.cos(theta[0])])
         start = self.offset[0] * ahead + self.offset[1] * np.array([-ahead[1], ahead[0]])
-        leader, follower = way(np.full(n, 1.1), theta), start + way(speed, heading)
+        leader, follower = path(np.full(n, 1.1), theta), start + path(speed, heading)
         steps = []
         for k in range(n):
             own = OwnMotion(
@@ -88,29 +94,35 @@ class Voyage:
                         np.sin(pitch),
                     ]
                 )
-                aside = np.array([-np.cos(theta[k]), np.sin(theta[k]), 0.0])
-                sites = np.array([-bow, bow, 0.1 * aside]) + np.array([*leader[k], -7.5])
+                port = np.array([-np.cos(theta[k]), np.sin(theta[k]), 0.0])
+                sites = np.array([-bow, bow, 0.1 * port]) + np.array([*leader[k], -7.5])
                 ranges = np.linalg.norm(sites - np.array([*follower[k], -9.2]), axis=1)
                 ranges = (
                     ranges * (1.0 + 0.05 * rng.normal() / ranges.max())
                     + 0.003 * rng.normal(size=3)
                     + 0.08
                 )
-                ranges[rng.random(3) < self.echoes] += rng.uniform(0.5, 3.0)
-                if self.common > 0.0:
-                    ranges += rng.uniform(0.5, 3.0) * (rng.random() < self.common)
-                ranges[rng.random(3) < self.lost] = np.nan
-                if self.alone[0] <= k // self.every < self.alone[1]:
+                ranges[rng.random(3) < self.echo_share] += rng.uniform(0.5, 3.0)
+                if self.late_share > 0.0:
+                    ranges += rng.uniform(0.5, 3.0) * (rng.random() < self.late_share)
+                ranges[rng.random(3) < self.lost_share] = np.nan
+                if self.rear_echoes[0] <= k // self.every < self.rear_echoes[1]:
                     ranges = np.array([30.0, np.nan, np.nan])
                 message = LeaderMessage(
                     clock[k] - self.delay,
-                    *(leader[k] + self.places * rng.normal(size=2) if self.places else leader[k]),
+                    *(
+                        leader[k] + self.position_sigma * rng.normal(size=2)
+                        if self.position_sigma
+                        else leader[k]
+                    ),
                     theta[k] + 0.05 + 0.02 * rng.normal(),
                     1.1 + 0.05 * rng.normal(),
                     7.5,
                     pitch,
                     roll,
-                    position_sigma=2.0 * self.places if self.places and k % 2 else np.nan,
+                    position_sigma=2.0 * self.position_sigma
+                    if self.position_sigma and k % 2
+                    else np.nan,
                 )
                 reception = Reception(message, Ranges(*ranges.tolist()))
             steps.append((own, reception, float(times[k])))
@@ -154,64 +166,111 @@ ALL_OF_2 = TightSettings(
     assume=EVERYTHING, transmitters=2, slip=0.03, hydrophone_height=-0.2, use_attitude=True
 )
 ALL_OF_3 = replace(ALL_OF_2, transmitters=3)
-TURNED = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
+LEADER_COMPASS = replace(THREE, assume=Assume(exact_leader=False), leader_heading_sigma=0.05)
 DRIFTING = replace(
     TWO, assume=Assume(drift=True, deviation=True, current=True), heading_bias_sigma=0.03
 )
-LATE = {"ping_slot": 0.1, "sound_slowness": 1.0 / 1500.0, "floor_depth": 30.0}
-NEW = {"leader_position_sigma": 0.5}
-BOTH = NEW | {"leader_position_walk": 0.1}
+PING_DELAYS = {"ping_slot": 0.1, "sound_slowness": 1.0 / 1500.0, "floor_depth": 30.0}
+NEW_POSITION_ERROR = {"leader_position_sigma": 0.5}
+POSITION_ERRORS = NEW_POSITION_ERROR | {"leader_position_walk": 0.1}
 CLOCK_OF_2 = replace(TWO, assume=Assume(clock=True))
 STEADY_2 = replace(TWO, assume=Assume(steady_speed=True))
 STEADY_3 = replace(THREE, assume=Assume(steady_speed=True))
 STEADY_ALL_OF_2 = replace(ALL_OF_2, assume=replace(EVERYTHING, steady_speed=True))
-ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
+CURRENT_AND_JITTER: dict[str, Any] = {"current": (0.2, -0.1), "jitter": 0.5}
 
 
 @pytest.mark.parametrize(
     ("settings", "voyage"),
     [
-        (THREE, Voyage(turns=0.05, lost=0.1)),
-        (TWO, Voyage(offset=(-20.0, 0.3), turns=0.03)),
-        (TURNED, Voyage(seed=6, turns=0.05)),
-        (TURNED, Voyage(seed=10, turns=0.0, corner=0.6)),
+        (THREE, Voyage(turn_sigma=0.05, lost_share=0.1)),
+        (TWO, Voyage(offset=(-20.0, 0.3), turn_sigma=0.03)),
+        (LEADER_COMPASS, Voyage(seed=6, turn_sigma=0.05)),
+        (LEADER_COMPASS, Voyage(seed=10, turn_sigma=0.0, corner=0.6)),
         (
             ALL_OF_2,
-            Voyage(seed=11, turns=0.0, corner=-0.4, echoes=0.05, offset=(-25.0, 1.0), jitter=0.5),
+            Voyage(
+                seed=11,
+                turn_sigma=0.0,
+                corner=-0.4,
+                echo_share=0.05,
+                offset=(-25.0, 1.0),
+                jitter=0.5,
+            ),
         ),
-        (DRIFTING, Voyage(seed=7, turns=0.03, offset=(-12.0, 4.0), current=(0.3, 0.1))),
-        (ALL_OF_3, Voyage(seed=1, turns=0.1, echoes=0.1, lost=0.1, **ABOUT)),  # type: ignore[arg-type]
-        (ALL_OF_2, Voyage(seed=2, turns=0.05, echoes=0.05, lost=0.1, offset=(-25.0, 1.0), **ABOUT)),  # type: ignore[arg-type]
-        (replace(THREE, known_start=False), Voyage(seed=3, turns=0.05, lost=0.3)),
-        (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turns=0.05, messages=8)),
-        (ALL_OF_3, Voyage(seed=5, turns=0.05, alone=(5, 10))),
-        (CLOCK_OF_2, Voyage(seed=12, turns=0.05, offset=(-12.0, 4.0), jitter=0.5)),
-        (replace(THREE, **NEW), Voyage(seed=15, turns=0.05, places=0.5)),
-        (replace(TWO, **NEW), Voyage(seed=16, offset=(-20.0, 0.3), turns=0.03, places=0.5)),
-        (replace(ALL_OF_2, **BOTH), Voyage(seed=17, turns=0.03, places=0.3, **ABOUT)),
+        (DRIFTING, Voyage(seed=7, turn_sigma=0.03, offset=(-12.0, 4.0), current=(0.3, 0.1))),
         (
-            replace(ALL_OF_3, **BOTH, known_start=False),
-            Voyage(seed=18, turns=0.03, places=0.3, **ABOUT),
-        ),
-        (replace(THREE, **LATE), Voyage(seed=19, turns=0.05, delay=0.25)),
-        (replace(TWO, **LATE), Voyage(seed=20, offset=(-20.0, 0.3), turns=0.03, delay=0.25)),
-        (
-            replace(ALL_OF_2, **LATE, **BOTH),
-            Voyage(seed=21, turns=0.05, delay=0.25, echoes=0.05, places=0.3, **ABOUT),
+            ALL_OF_3,
+            Voyage(seed=1, turn_sigma=0.1, echo_share=0.1, lost_share=0.1, **CURRENT_AND_JITTER),
         ),
         (
-            replace(ALL_OF_2, **LATE, known_start=False),
-            Voyage(seed=22, turns=0.05, delay=0.25, lost=0.1),
+            ALL_OF_2,
+            Voyage(
+                seed=2,
+                turn_sigma=0.05,
+                echo_share=0.05,
+                lost_share=0.1,
+                offset=(-25.0, 1.0),
+                **CURRENT_AND_JITTER,
+            ),
         ),
-        (THREE, Voyage(seed=13, turns=0.05, common=0.3)),
-        (TURNED, Voyage(seed=14, turns=0.05, common=0.3, lost=0.1)),
-        (TWO, Voyage(seed=15, turns=0.03, offset=(1.0, 4.0))),
-        (ALL_OF_2, Voyage(seed=16, turns=0.05, offset=(-3.0, 5.0), lost=0.1, echoes=0.05)),
-        (TURNED, Voyage(seed=17, turns=0.05, offset=(2.0, 3.0))),
-        (STEADY_3, Voyage(seed=18, turns=0.05, lost=0.1)),
-        (STEADY_2, Voyage(seed=19, turns=0.03, offset=(-20.0, 0.3), jitter=0.5)),
-        (STEADY_ALL_OF_2, Voyage(seed=20, turns=0.05, offset=(-25.0, 1.0), echoes=0.05, **ABOUT)),  # type: ignore[arg-type]
-        (replace(STEADY_ALL_OF_2, known_start=False), Voyage(seed=21, turns=0.05, messages=8)),
+        (replace(THREE, known_start=False), Voyage(seed=3, turn_sigma=0.05, lost_share=0.3)),
+        (replace(ALL_OF_2, known_start=False), Voyage(seed=4, turn_sigma=0.05, messages=8)),
+        (ALL_OF_3, Voyage(seed=5, turn_sigma=0.05, rear_echoes=(5, 10))),
+        (CLOCK_OF_2, Voyage(seed=12, turn_sigma=0.05, offset=(-12.0, 4.0), jitter=0.5)),
+        (
+            replace(THREE, **NEW_POSITION_ERROR),
+            Voyage(seed=15, turn_sigma=0.05, position_sigma=0.5),
+        ),
+        (
+            replace(TWO, **NEW_POSITION_ERROR),
+            Voyage(seed=16, offset=(-20.0, 0.3), turn_sigma=0.03, position_sigma=0.5),
+        ),
+        (
+            replace(ALL_OF_2, **POSITION_ERRORS),
+            Voyage(seed=17, turn_sigma=0.03, position_sigma=0.3, **CURRENT_AND_JITTER),
+        ),
+        (
+            replace(ALL_OF_3, **POSITION_ERRORS, known_start=False),
+            Voyage(seed=18, turn_sigma=0.03, position_sigma=0.3, **CURRENT_AND_JITTER),
+        ),
+        (replace(THREE, **PING_DELAYS), Voyage(seed=19, turn_sigma=0.05, delay=0.25)),
+        (
+            replace(TWO, **PING_DELAYS),
+            Voyage(seed=20, offset=(-20.0, 0.3), turn_sigma=0.03, delay=0.25),
+        ),
+        (
+            replace(ALL_OF_2, **PING_DELAYS, **POSITION_ERRORS),
+            Voyage(
+                seed=21,
+                turn_sigma=0.05,
+                delay=0.25,
+                echo_share=0.05,
+                position_sigma=0.3,
+                **CURRENT_AND_JITTER,
+            ),
+        ),
+        (
+            replace(ALL_OF_2, **PING_DELAYS, known_start=False),
+            Voyage(seed=22, turn_sigma=0.05, delay=0.25, lost_share=0.1),
+        ),
+        (THREE, Voyage(seed=13, turn_sigma=0.05, late_share=0.3)),
+        (LEADER_COMPASS, Voyage(seed=14, turn_sigma=0.05, late_share=0.3, lost_share=0.1)),
+        (TWO, Voyage(seed=15, turn_sigma=0.03, offset=(1.0, 4.0))),
+        (
+            ALL_OF_2,
+            Voyage(seed=16, turn_sigma=0.05, offset=(-3.0, 5.0), lost_share=0.1, echo_share=0.05),
+        ),
+        (LEADER_COMPASS, Voyage(seed=17, turn_sigma=0.05, offset=(2.0, 3.0))),
+        (STEADY_3, Voyage(seed=18, turn_sigma=0.05, lost_share=0.1)),
+        (STEADY_2, Voyage(seed=19, turn_sigma=0.03, offset=(-20.0, 0.3), jitter=0.5)),
+        (
+            STEADY_ALL_OF_2,
+            Voyage(
+                seed=20, turn_sigma=0.05, offset=(-25.0, 1.0), echo_share=0.05, **CURRENT_AND_JITTER
+            ),
+        ),
+        (replace(STEADY_ALL_OF_2, known_start=False), Voyage(seed=21, turn_sigma=0.05, messages=8)),
     ],
     ids=[
         "3",
@@ -246,8 +305,8 @@ ABOUT = {"current": (0.2, -0.1), "jitter": 0.5}
     ],
 )
 def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage) -> None:
-    """Mixtures, biases and covariances to rounding; hypotheses, echoes, alarms and doubts one by
-    one.
+    """After each message states, covariances, hypotheses and used ranges, and after each step
+    position and velocity, are the oracle's to rounding.
     """
     steps, start = voyage.readings()
     begin = np.array([*start, 0.0, 0.0]) if settings.known_start else None
@@ -263,16 +322,16 @@ def test_an_independent_navigator_agrees(settings: TightSettings, voyage: Voyage
 
 
 @pytest.mark.parametrize("use_attitude", [False, True])
-@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("broadcasts_attitude", [False, True])
 def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(
-    use_attitude: bool, known: bool
+    use_attitude: bool, broadcasts_attitude: bool
 ) -> None:
     """A leader whose attitude is not broadcast, or not used, is level."""
     settings = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
     signal, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
     signal.heading = heading
-    place_arms(signal, model_of(settings), pitch, roll if known else np.nan, 1.5)
-    tilt = (pitch, roll) if use_attitude and known else (0.0, 0.0)
+    place_arms(signal, model_of(settings), pitch, roll if broadcasts_attitude else np.nan, 1.5)
+    tilt = (pitch, roll) if use_attitude and broadcasts_attitude else (0.0, 0.0)
     body = np.array([[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.4, 0.0]])
     # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the
     # hydrophone
@@ -299,23 +358,23 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
     the ranges.
     """
     settings, dt = replace(ALL_OF_2, dt=0.5, known_start=False), 0.5
-    steps, _ = Voyage(seed=4, turns=0.05, echoes=0.1, lost=0.2).readings()
-    given = [(k, r) for k, (_, r, _) in enumerate(steps, start=1) if r is not None]
-    own = np.array([o for o, _, _ in steps])
+    steps, _ = Voyage(seed=4, turn_sigma=0.05, echo_share=0.1, lost_share=0.2).readings()
+    receptions = [(k, r) for k, (_, r, _) in enumerate(steps, start=1) if r is not None]
+    readings = np.array([o for o, _, _ in steps])
     measured = Measurements(
         dt=dt,
-        speed=own[:, 0],
-        heading=own[:, 1],
-        depth=own[:, 2],
-        message_step=np.array([k for k, _ in given]),
-        message=np.array([r.message for _, r in given]),
-        ranges=np.array([r.ranges for _, r in given]),
+        speed=readings[:, 0],
+        heading=readings[:, 1],
+        depth=readings[:, 2],
+        message_step=np.array([k for k, _ in receptions]),
+        message=np.array([r.message for _, r in receptions]),
+        ranges=np.array([r.ranges for _, r in receptions]),
     )
     result, online = TightNavigator(settings, None).run(measured), TightNavigator(settings, None)
     updates = [u for o, r, _ in steps for u in online.step(o, r)]
     kinds = []
     for i, fix in enumerate(updates):
-        u, received = details(fix), np.isfinite(measured.ranges[i, :2]).sum()
+        u, n_received = details(fix), np.isfinite(measured.ranges[i, :2]).sum()
         sides = u.weight.size
         assert (result.fix_step[i], result.used[i]) == (fix.step, u.used)
         np.testing.assert_array_equal(result.fix_position[i], u.full_state[:2])
@@ -331,48 +390,54 @@ def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:
         )
         assert np.isnan(result.hypothesis[i, sides:]).all()
         assert np.isnan(result.hypothesis_covariance[i, sides:]).all()
-        whole = FixKind.ONE_RANGE if received == 1 else FixKind.RANGES
-        kind = FixKind.GATED if u.used == 0 else (FixKind.PARTLY if u.used < received else whole)
-        kinds.append(FixKind.LOST if received == 0 or not sides else kind)
+        all_used = FixKind.ONE_RANGE if n_received == 1 else FixKind.RANGES
+        kind = (
+            FixKind.GATED if u.used == 0 else (FixKind.PARTLY if u.used < n_received else all_used)
+        )
+        kinds.append(FixKind.LOST if n_received == 0 or not sides else kind)
     assert result.fix_kind.tolist() == kinds
     assert len(set(kinds)) > 3
     assert np.isnan(result.innovation).all()
 
 
 @pytest.mark.parametrize("use_attitude", [False, True])
-@pytest.mark.parametrize("known", [False, True])
-def test_offsets_of_a_hull_are_that_hull(use_attitude: bool, known: bool) -> None:
-    """The same transmitters as offsets and as baseline and middle offset, tilted where that is
-    broadcast and used.
+@pytest.mark.parametrize("broadcasts_attitude", [False, True])
+def test_transmitters_as_offsets_or_as_a_baseline_give_the_same_estimates(
+    use_attitude: bool, broadcasts_attitude: bool
+) -> None:
+    """The same transmitters as offsets, and as baseline and middle offset; both are tilted where
+    the attitude is broadcast and used.
     """
-    steps, start = Voyage(seed=9, turns=0.05, messages=6, offset=(2.0, 14.0)).readings()
+    steps, start = Voyage(seed=9, turn_sigma=0.05, messages=6, offset=(2.0, 14.0)).readings()
     begin = np.array([*start, 0.0, 0.0])
-    offsets = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
+    same_hull = ((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0))
     navigators: list[TightNavigator | Navigator] = []
-    for places in ((), offsets):
+    for transmitter_offsets in ((), same_hull):
         settings = TightSettings(
-            use_attitude=use_attitude, hydrophone_height=0.3, transmitter_offsets=places
+            use_attitude=use_attitude,
+            hydrophone_height=0.3,
+            transmitter_offsets=transmitter_offsets,
         )
         paper = NavigationSettings(
             use_attitude=use_attitude,
             hydrophone_height=0.3,
-            transmitter_offsets=places,
+            transmitter_offsets=transmitter_offsets,
             variant="laisn-3-2",
             gate="off",
         )
         navigators += [TightNavigator(settings, begin), Navigator(paper, begin)]
-    tight, paper_alone, free, paper_free = navigators
+    tight_baseline, paper_baseline, tight_offsets, paper_offsets = navigators
     for own, sent, dt in steps:
         reception = sent
-        if sent is not None and not known:
+        if sent is not None and not broadcasts_attitude:
             reception = sent._replace(message=sent.message._replace(roll=np.nan))
         for navigator in navigators:
             navigator.step(own, reception, dt)
-        np.testing.assert_allclose(free.state, tight.state, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(paper_free.state, paper_alone.state, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(tight_offsets.state, tight_baseline.state, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(paper_offsets.state, paper_baseline.state, rtol=0, atol=1e-7)
 
 
-FAR = LeaderMessage(0.1, 1e8, -1e8, 0.3, 1.0, 8.0)
+AT_LIMIT = LeaderMessage(0.1, 1e8, -1e8, 0.3, 1.0, 8.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -380,28 +445,32 @@ def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: fl
     """50 m/s of the log, ranges of 100 km, places within 100 000 km."""
 
     def step(
-        speed: float = 1.0, farthest: float = 20.0, message: LeaderMessage = FAR, place: float = 0.0
+        speed: float = 1.0,
+        farthest: float = 20.0,
+        message: LeaderMessage = AT_LIMIT,
+        coordinate: float = 0.0,
     ) -> None:
         navigator = TightNavigator(THREE, np.array([1e8, -1e8, 0.0, 0.0]))
-        places = np.full((3, 3), place) if place else None
+        transmitters = np.full((3, 3), coordinate) if coordinate else None
         navigator.step(
-            OwnMotion(speed, 0.0, 8.0), Reception(message, Ranges(farthest, np.nan, np.nan), places)
+            OwnMotion(speed, 0.0, 8.0),
+            Reception(message, Ranges(farthest, np.nan, np.nan), transmitters),
         )
 
-    beyond = 1.0 + 1e-12
+    just_above_1 = 1.0 + 1e-12
     step(50.0 * sign)
     step(farthest=1e5 if sign > 0.0 else 0.0)
-    step(place=1e8 * sign)
-    for broken, pattern in (
-        ({"speed": 50.0 * beyond * sign}, "the speed is"),
-        ({"farthest": 1e5 * beyond if sign > 0.0 else -1e-9}, "expected 0"),
-        ({"message": FAR._replace(east=1e8 * beyond * sign)}, "farther than"),
-        ({"message": FAR._replace(north=1e8 * beyond * sign)}, "farther than"),
-        ({"message": FAR._replace(depth=1e8 * beyond * sign)}, "farther than"),
-        ({"place": 1e8 * beyond * sign}, "farther than"),
+    step(coordinate=1e8 * sign)
+    for argument, pattern in (
+        ({"speed": 50.0 * just_above_1 * sign}, "the speed is"),
+        ({"farthest": 1e5 * just_above_1 if sign > 0.0 else -1e-9}, "expected 0"),
+        ({"message": AT_LIMIT._replace(east=1e8 * just_above_1 * sign)}, "farther than"),
+        ({"message": AT_LIMIT._replace(north=1e8 * just_above_1 * sign)}, "farther than"),
+        ({"message": AT_LIMIT._replace(depth=1e8 * just_above_1 * sign)}, "farther than"),
+        ({"coordinate": 1e8 * just_above_1 * sign}, "farther than"),
     ):
         with pytest.raises(LaisnError, match=pattern):
-            step(**broken)  # type: ignore[arg-type]
+            step(**argument)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -412,7 +481,8 @@ def test_the_eight_heaviest_of_ten_hypotheses_are_kept(seed: int) -> None:
     belief.state[:10, 0], belief.covariance[:10] = 100.0 * weights, np.eye(17)
     prune_and_merge(belief, model)
     assert belief.n_hypotheses == 8
-    kept = belief.weight[:8]
-    np.testing.assert_allclose(np.sort(kept), np.arange(3, 11) / 52.0)
-    # each is where it was
-    np.testing.assert_allclose(belief.state[:8, 0], 5200.0 * kept)
+    remaining_weights = belief.weight[:8]
+    # weights of 3 to 10, normalised by their sum
+    np.testing.assert_allclose(np.sort(remaining_weights), np.arange(3, 11) / 52.0)
+    # each is where it was, at 100 m times its weight of 1 to 10
+    np.testing.assert_allclose(belief.state[:8, 0], 5200.0 * remaining_weights)

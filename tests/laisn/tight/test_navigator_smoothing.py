@@ -23,15 +23,15 @@ STATES = 3
 
 
 class Linear(NamedTuple):
-    """A random linear system: its Kalman filter as a chain, two quantities a message, and its
+    """A random linear system: its Kalman filter as a chain, two outputs y a message, and their
     batch solution.
     """
 
     chain: Chain
-    filtered: tuple[Floats, Floats]
-    onward: Floats
-    latest: Ints
-    batch: tuple[Floats, Floats]
+    filtered: tuple[Floats, Floats]  # mean and covariance of y by the filter
+    cross_to_next: Floats  # covariance of y with the state just before the next message
+    latest: Ints  # number of the last message at or before y
+    batch: tuple[Floats, Floats]  # mean and covariance of y by messages up to LAG later ones
 
 
 def linear_system(seed: int) -> Linear:
@@ -39,7 +39,7 @@ def linear_system(seed: int) -> Linear:
     between the moves.
     """
     rng = np.random.default_rng(seed)
-    s, read = STATES, np.eye(2, STATES)
+    s, output = STATES, np.eye(2, STATES)
 
     def positive() -> Floats:
         root = rng.normal(size=(s, s))
@@ -48,7 +48,7 @@ def linear_system(seed: int) -> Linear:
     moves = np.eye(s) + 0.3 * rng.normal(size=(2 * MESSAGES, s, s))
     noise = 0.2 * np.array([positive() for _ in range(2 * MESSAGES)])
     rows, variance = rng.normal(size=(MESSAGES, 1, s)), 0.5
-    seen = rng.normal(size=MESSAGES)
+    measured = rng.normal(size=MESSAGES)
     # batch: all states, two a message, in one vector; least squares in information form, one
     # message more at a time
     size = 2 * MESSAGES * s
@@ -59,36 +59,38 @@ def linear_system(seed: int) -> Linear:
         step = np.zeros((s, size))
         step[:, i * s : (i + 1) * s], step[:, (i + 1) * s : (i + 2) * s] = -moves[i], np.eye(s)
         information += step.T @ np.linalg.solve(noise[i], step)
-    known = []
+    batch_by_message = []
     for i in range(MESSAGES):
-        here = slice(2 * i * s, (2 * i + 1) * s)
-        information[here, here] += rows[i].T @ rows[i] / variance
-        vector[here] += rows[i, 0] * seen[i] / variance
-        known.append((np.linalg.solve(information, vector), np.linalg.inv(information)))
+        block = slice(2 * i * s, (2 * i + 1) * s)
+        information[block, block] += rows[i].T @ rows[i] / variance
+        vector[block] += rows[i, 0] * measured[i] / variance
+        batch_by_message.append((np.linalg.solve(information, vector), np.linalg.inv(information)))
     # Kalman filter, and what the smoother needs of it
     x, P = start, prior
-    beliefs, predicted, onward, ys = [], [], [], []
+    beliefs, predicted, cross_to_next, outputs = [], [], [], []
     for i in range(MESSAGES):
         predicted.append((x, P))
         gain = P @ rows[i].T / (rows[i] @ P @ rows[i].T + variance)
-        x, P = x + gain[:, 0] * (seen[i] - rows[i, 0] @ x), P - gain @ rows[i] @ P
+        x, P = x + gain[:, 0] * (measured[i] - rows[i, 0] @ x), P - gain @ rows[i] @ P
         beliefs.append((x, P))
-        one, other = moves[2 * i], moves[2 * i + 1]
-        half, spread = one @ x, one @ P @ one.T + noise[2 * i]
-        onward.append(P @ (other @ one).T)
-        ys.append((read @ x, read @ P @ read.T, read @ onward[-1]))
-        ys.append((read @ half, read @ spread @ read.T, read @ spread @ other.T))
-        x, P = other @ half, other @ spread @ other.T + noise[2 * i + 1]
+        first_move, second_move = moves[2 * i], moves[2 * i + 1]
+        between_moves, spread = first_move @ x, first_move @ P @ first_move.T + noise[2 * i]
+        cross_to_next.append(P @ (second_move @ first_move).T)
+        outputs.append((output @ x, output @ P @ output.T, output @ cross_to_next[-1]))
+        outputs.append(
+            (output @ between_moves, output @ spread @ output.T, output @ spread @ second_move.T)
+        )
+        x, P = second_move @ between_moves, second_move @ spread @ second_move.T + noise[2 * i + 1]
     chain = Chain(
         *map(np.array, zip(*beliefs, strict=True)),
         *map(np.array, zip(*predicted, strict=True)),
-        np.array(onward),
+        np.array(cross_to_next),
     )
-    mean, covariance, cross = map(np.array, zip(*ys, strict=True))
+    mean, covariance, cross = map(np.array, zip(*outputs, strict=True))
     latest = np.repeat(np.arange(MESSAGES), 2)
-    picked = [(i * s, min(m + LAG, MESSAGES - 1)) for i, m in enumerate(latest.tolist())]
-    best = np.array([known[m][0][k : k + 2] for k, m in picked])
-    spread = np.array([known[m][1][k : k + 2, k : k + 2] for k, m in picked])
+    state_and_message = [(i * s, min(m + LAG, MESSAGES - 1)) for i, m in enumerate(latest.tolist())]
+    best = np.array([batch_by_message[m][0][k : k + 2] for k, m in state_and_message])
+    spread = np.array([batch_by_message[m][1][k : k + 2, k : k + 2] for k, m in state_and_message])
     return Linear(chain, (mean, covariance), cross, latest, (best, spread))
 
 
@@ -97,83 +99,92 @@ def test_a_linear_system_is_smoothed_as_by_least_squares_over_the_window(seed: i
     """An independent solution: the normal equations of all states and of the messages up to the
     lag.
     """
-    made = linear_system(seed)
-    last = np.minimum(made.latest + LAG, MESSAGES - 1)
-    mean, covariance = smooth(made.chain, made.latest, last, made.filtered, made.onward)
-    assert mean == pytest.approx(made.batch[0], abs=1e-9)
-    assert covariance == pytest.approx(made.batch[1], abs=1e-9)
-    less = np.linalg.eigvalsh(made.filtered[1] - covariance)
-    assert less.min() > -1e-12
-    assert less[:-2].max(axis=1).min() > 1e-6
+    linear = linear_system(seed)
+    last = np.minimum(linear.latest + LAG, MESSAGES - 1)
+    mean, covariance = smooth(
+        linear.chain, linear.latest, last, linear.filtered, linear.cross_to_next
+    )
+    assert mean == pytest.approx(linear.batch[0], abs=1e-9)
+    assert covariance == pytest.approx(linear.batch[1], abs=1e-9)
+    reduction = np.linalg.eigvalsh(linear.filtered[1] - covariance)
+    assert reduction.min() > -1e-12
+    assert reduction[:-2].max(axis=1).min() > 1e-6
 
 
 @pytest.mark.parametrize(
-    "more", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ids=["known exactly", "a copy"]
+    "extra_row", [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ids=["known exactly", "a copy"]
 )
-def test_a_state_that_adds_nothing_changes_nothing(more: list[float]) -> None:
-    """Covariances are singular then."""
-    made = linear_system(0)
-    wide = np.vstack([np.eye(STATES), more])
-    wider = Chain(
-        *(part @ wide.T if part.ndim == 2 else wide @ part @ wide.T for part in made.chain)
+def test_a_state_that_adds_nothing_changes_nothing(extra_row: list[float]) -> None:
+    """A fourth state that is zero, or equal to the second one: covariances are singular."""
+    linear = linear_system(0)
+    extension = np.vstack([np.eye(STATES), extra_row])
+    extended = Chain(
+        *(
+            part @ extension.T if part.ndim == 2 else extension @ part @ extension.T
+            for part in linear.chain
+        )
     )
-    last = np.minimum(made.latest + LAG, MESSAGES - 1)
-    plain = smooth(made.chain, made.latest, last, made.filtered, made.onward)
-    other = smooth(wider, made.latest, last, made.filtered, made.onward @ wide.T)
-    for one, same in zip(plain, other, strict=True):
-        assert same == pytest.approx(one, abs=1e-9)
+    last = np.minimum(linear.latest + LAG, MESSAGES - 1)
+    expected = smooth(linear.chain, linear.latest, last, linear.filtered, linear.cross_to_next)
+    actual = smooth(
+        extended, linear.latest, last, linear.filtered, linear.cross_to_next @ extension.T
+    )
+    for expected_part, actual_part in zip(expected, actual, strict=True):
+        assert actual_part == pytest.approx(expected_part, abs=1e-9)
 
 
 def test_a_message_without_ranges_changes_nothing() -> None:
-    """The way goes on as if there had been none."""
+    """To the bit, the estimates are those without that message."""
     mission = Mission(steps=400, every=50)
     measured = mission.measured(np.random.default_rng(4), compass=0.1)
-    ranges, kept = measured.ranges.copy(), np.arange(measured.message_step.size) != 3
-    ranges[~kept] = np.nan
-    named = ("message_step", "message", "ranges")
-    some: dict[str, Any] = {name: getattr(measured, name)[kept] for name in named}
-    fewer = replace(measured, **some)
+    ranges, has_ranges = measured.ranges.copy(), np.arange(measured.message_step.size) != 3
+    ranges[~has_ranges] = np.nan
+    fields = ("message_step", "message", "ranges")
+    other_messages: dict[str, Any] = {name: getattr(measured, name)[has_ranges] for name in fields}
+    without_message = replace(measured, **other_messages)
     silent, absent = (
         SmoothingNavigator(TightSettings(), mission.start, 60.0).run(m)
-        for m in (replace(measured, ranges=ranges), fewer)
+        for m in (replace(measured, ranges=ranges), without_message)
     )
     assert (silent.state == absent.state).all()
     assert (silent.covariance == absent.covariance).all()
 
 
-def test_without_a_later_message_it_is_the_filter() -> None:
-    """With no lag everywhere, to the bit; with one, after the last message of all."""
+def test_without_a_later_message_smoothing_gives_the_filters_estimates() -> None:
+    """To the bit: with a lag of 0 in all steps, and with a longer one where no message follows
+    within it.
+    """
     mission = Mission(steps=305, every=50)
     measured = mission.measured(np.random.default_rng(2), log=0.2, compass=0.1)
-    plain = TightNavigator(TightSettings(), mission.start).run(measured)
-    same, smoothed = (
+    filtered = TightNavigator(TightSettings(), mission.start).run(measured)
+    without_lag, smoothed = (
         SmoothingNavigator(TightSettings(), mission.start, lag).run(measured) for lag in (0.0, 10.0)
     )
-    assert (same.state == plain.state).all()
-    assert (same.covariance == plain.covariance).all()
-    assert (smoothed.state[299:] == plain.state[299:]).all()
+    assert (without_lag.state == filtered.state).all()
+    assert (without_lag.covariance == filtered.covariance).all()
+    assert (smoothed.state[299:] == filtered.state[299:]).all()
     # 10 s reach from step 200 to the message of step 300, and not from 149 to that of 250 alone
-    assert (np.abs(smoothed.state[:299, :2] - plain.state[:299, :2]).max(axis=1) > 0).all()
-    early = SmoothingNavigator(TightSettings(), mission.start, 3.0).run(measured)
-    untouched = (early.state == plain.state).all(axis=1)
+    assert (np.abs(smoothed.state[:299, :2] - filtered.state[:299, :2]).max(axis=1) > 0).all()
+    short_lag = SmoothingNavigator(TightSettings(), mission.start, 3.0).run(measured)
+    untouched = (short_lag.state == filtered.state).all(axis=1)
     step = np.arange(1, 306)
     assert (untouched == ((-step % 50 > 30) | (step % 50 == 0) | (step > 300))).all()
 
 
 class North(NamedTuple):
-    """A navigator that goes north at constant speed to one message."""
+    """A navigator that goes north at constant speed until its only message comes in."""
 
     navigator: SmoothingNavigator
     steps: int
     speed: float
 
     def fly(self, turn: float = 0.0) -> None:
-        """Turn at the last step."""
+        """All steps; the heading of the last one is `turn` [rad], and the message comes with it."""
         for i in range(self.steps):
             heading = turn if i == self.steps - 1 else 0.0
             leader = LeaderMessage(0.1 * self.steps, 10.0, 5.0, 0.0, self.speed, 0.0)
-            there = Reception(leader, Ranges(11.0, 11.2, 11.1)) if i == self.steps - 1 else None
-            self.navigator.step(OwnMotion(self.speed, heading, 0.0), there)
+            reception = Reception(leader, Ranges(11.0, 11.2, 11.1)) if i == self.steps - 1 else None
+            self.navigator.step(OwnMotion(self.speed, heading, 0.0), reception)
 
 
 def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> None:
@@ -185,40 +196,45 @@ def test_covariances_along_a_straight_way_north_are_those_of_its_integrals() -> 
     north = North(SmoothingNavigator(settings, np.zeros(4), 60.0), steps, speed)
     north.fly()
     before, received = north.navigator._priors[0]
-    way = _Leg(before, received, north.navigator._model, (0.0, 0.0))
+    leg = _Leg(before, received, north.navigator._model, (0.0, 0.0))
     model = north.navigator._model
     end, q_log, q_compass = 0.1 * steps, model.log_walk[0], model.compass_walk[0]
     for k in (1, 13, steps - 1):
         t = 0.1 * k
-        mean, covariance, onward = way.at(north.navigator._motions[k - 1])
+        mean, covariance, cross_to_end = leg.at(north.navigator._motions[k - 1])
         assert mean == pytest.approx([0.0, speed * t, 0.0, speed])
-        walk = t**3 / 3 + t**2 / 2 * (end - t)
-        seen = (
+        double_integral = t**3 / 3 + t**2 / 2 * (end - t)
+        reading_variance = (
             t * 0.1 * np.array([speed**2 * settings.heading_sigma**2, settings.speed_sigma**2])
             + 0.05**2 * t
         )
         east = (
             0.01**2
-            + speed**2 * (t * end * settings.heading_bias_sigma**2 + q_compass * walk)
-            + seen[0]
+            + speed**2 * (t * end * settings.heading_bias_sigma**2 + q_compass * double_integral)
+            + reading_variance[0]
         )
-        along = 0.01**2 + t * end * settings.speed_bias_sigma**2 + q_log * walk + seen[1]
-        assert onward[0, X] == pytest.approx(east, rel=1e-12)
-        assert onward[1, Y] == pytest.approx(along, rel=1e-12)
+        along = (
+            0.01**2
+            + t * end * settings.speed_bias_sigma**2
+            + q_log * double_integral
+            + reading_variance[1]
+        )
+        assert cross_to_end[0, X] == pytest.approx(east, rel=1e-12)
+        assert cross_to_end[1, Y] == pytest.approx(along, rel=1e-12)
         # vy = v − b_v, and vx = −v b_θ
-        so_far = t**2 / 2 + t * (end - t)
-        assert onward[3, Y] == pytest.approx(
-            end * settings.speed_bias_sigma**2 + q_log * so_far, rel=1e-12
+        single_integral = t**2 / 2 + t * (end - t)
+        assert cross_to_end[3, Y] == pytest.approx(
+            end * settings.speed_bias_sigma**2 + q_log * single_integral, rel=1e-12
         )
-        sideways = speed**2 * (end * settings.heading_bias_sigma**2 + q_compass * so_far)
-        assert onward[2, X] == pytest.approx(sideways, rel=1e-12)
-        assert onward[3, LOG_BIAS] == pytest.approx(
+        sideways = speed**2 * (end * settings.heading_bias_sigma**2 + q_compass * single_integral)
+        assert cross_to_end[2, X] == pytest.approx(sideways, rel=1e-12)
+        assert cross_to_end[3, LOG_BIAS] == pytest.approx(
             -(settings.speed_bias_sigma**2) - q_log * t, rel=1e-12
         )
         assert covariance[0, 0] == pytest.approx(
             0.01**2
             + speed**2 * (t**2 * settings.heading_bias_sigma**2 + q_compass * t**3 / 3)
-            + seen[0],
+            + reading_variance[0],
             rel=1e-12,
         )
         assert covariance[3, 3] == pytest.approx(
@@ -237,24 +253,28 @@ def test_the_prediction_includes_turns_and_both_drifts() -> None:
     model = north.navigator._model
     before, received = north.navigator._priors[0]
     before["weight"][0, :2] = 0.9, 0.1
-    way = _Leg(before, received, model, (0.0, 0.0))
-    slow = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
-    drift = 0.1 * steps * (slow * model.compass_walk[0] + (1.0 - slow) * model.compass_walk[1])
+    leg = _Leg(before, received, model, (0.0, 0.0))
+    slow_weight = 0.5 + 0.4 * np.exp(-2.0 * 0.004 * 0.1 * steps)
+    drift = (
+        0.1
+        * steps
+        * (slow_weight * model.compass_walk[0] + (1.0 - slow_weight) * model.compass_walk[1])
+    )
     variance = settings.heading_bias_sigma**2 + (0.03 * turn) ** 2 + drift
-    assert way.predicted_covariance[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
+    assert leg.predicted_covariance[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
         variance, rel=1e-12
     )
-    assert way.cross_to_next[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
+    assert leg.cross_to_next[COMPASS_BIAS, COMPASS_BIAS] == pytest.approx(
         settings.heading_bias_sigma**2, rel=1e-12
     )
 
 
 @pytest.mark.parametrize(
-    ("assume", "transmitters", "known"),
+    ("assume", "transmitters", "known_start"),
     [(Assume(), 3, True), (Assume(), 2, True), (EVERYTHING, 3, True), (Assume(), 3, False)],
 )
 def test_smoothing_reduces_errors_and_covariance_consistently(
-    assume: Assume, transmitters: int, known: bool
+    assume: Assume, transmitters: int, known_start: bool
 ) -> None:
     """Over runs with noise and biases of the settings: less error and less covariance, and a NEES
     near 2.
@@ -263,7 +283,7 @@ def test_smoothing_reduces_errors_and_covariance_consistently(
     """
     mission = Mission(steps=1000, every=50)
     settings = TightSettings(assume=assume, transmitters=transmitters)
-    start, first = (mission.start, 0) if known else (None, 49)
+    start, first = (mission.start, 0) if known_start else (None, 49)
     truth = mission.follower[1:]
     squares, normalised = [], []
     for seed in range(5):
@@ -287,6 +307,6 @@ def test_smoothing_reduces_errors_and_covariance_consistently(
 
 
 @pytest.mark.parametrize("lag", [-1.0, np.nan, np.inf])
-def test_a_lag_is_a_time(lag: float) -> None:
+def test_a_lag_that_is_no_finite_time_is_refused(lag: float) -> None:
     with pytest.raises(ValueError, match="expected a finite time"):
         SmoothingNavigator(TightSettings(), np.zeros(4), lag)

@@ -21,19 +21,25 @@ EVERYTHING = TightSettings(
 )
 STATES = 12
 ARMS = np.array([[-0.9, -0.4, 1.5], [0.9, 0.4, 2.0], [-0.04, 0.1, 1.7]])
+"""Transmitters from the leader: east, north, and depth below the hydrophone [m]."""
 LEADER = np.array([3.0, -4.0])
+"""The leader's position, east and north [m]."""
 STATE = np.array([25.0, -12.0, 0.1, 0.05, 0.15, 0.08, 0.2, -0.1, 0.01, -0.02, 0.3, 0.002])
+"""x, y, biases of log and compass, b_r of the common scale, b_L of the leader's compass, current
+east and north, offsets d of front and middle ranges, clock offset τ and its drift.
+"""
 
 
 def ranges_of(
     state: npt.NDArray[np.complex128] | Floats, farthest: float
 ) -> npt.NDArray[np.complex128]:
     """z_i = ρ_i (1 + b_r / max z) + d_i + τ, analytic in the state."""
-    turn = np.exp(1j * 0) * np.array(
-        [[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]]
+    turn = np.array(
+        [[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]],
+        dtype=np.complex128,
     )
-    apart = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
-    rho = np.sqrt(np.sum(apart**2, axis=1) + ARMS[:, 2] ** 2)
+    separation = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
+    rho = np.sqrt(np.sum(separation**2, axis=1) + ARMS[:, 2] ** 2)
     return np.asarray(
         rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:10]]) + state[10]
     )
@@ -46,15 +52,15 @@ def gradient(state: Floats, farthest: float) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def belief(
+def make_belief(
     covariance: Floats, mean: Floats = STATE, settings: TightSettings = EVERYTHING
 ) -> tuple[GaussianMixture, Model]:
     model = model_of(settings)
-    made = new_belief(settings, model, (0.0, 0.0))
+    mixture = new_belief(settings, model, (0.0, 0.0))
     n = len(mean)
-    made.state[0, :n] = mean
-    made.covariance[0, :n, :n] = covariance
-    return made, model
+    mixture.state[0, :n] = mean
+    mixture.covariance[0, :n, :n] = covariance
+    return mixture, model
 
 
 def signal(ranges: Floats) -> Signal:
@@ -71,51 +77,53 @@ def some_covariance(scale: float) -> Floats:
 
 def test_derivatives_of_ranges_equal_complex_steps() -> None:
     ranges = ranges_of(STATE, 30.0).real
-    made, model = belief(np.eye(STATES))
-    assert predict_ranges(made, model, 0, signal(ranges), 0.0, 0.0) == 3
+    mixture, model = make_belief(np.eye(STATES))
+    assert predict_ranges(mixture, model, 0, signal(ranges), 0.0, 0.0) == 3
     # the scale's own slope is neglected against 1 in the derivatives by position: b_r is
     # centimetres at tens of metres
-    plain = STATE.copy()
-    plain[4] = 0.0
-    exact = gradient(plain, float(ranges.max()))
+    unscaled = STATE.copy()
+    unscaled[4] = 0.0
+    exact = gradient(unscaled, float(ranges.max()))
     # the common error is in proportion to what was measured
     exact[:, 4] = ranges / ranges.max()
-    np.testing.assert_allclose(made.work.gain[:, :STATES], exact, atol=1e-12)
+    np.testing.assert_allclose(mixture.work.gain[:, :STATES], exact, atol=1e-12)
 
 
 def test_second_derivatives_equal_differences_of_complex_steps() -> None:
-    plain = STATE.copy()
-    plain[4] = 0.0
-    ranges = ranges_of(plain, 30.0).real
-    made, model = belief(np.eye(STATES), plain)
-    predict_ranges(made, model, 0, signal(ranges), 0.0, 0.0)
-    step, chosen = 1e-5, [0, 1, 5]
+    unscaled = STATE.copy()
+    unscaled[4] = 0.0
+    ranges = ranges_of(unscaled, 30.0).real
+    mixture, model = make_belief(np.eye(STATES), unscaled)
+    predict_ranges(mixture, model, 0, signal(ranges), 0.0, 0.0)
+    step, curved = 1e-5, [0, 1, 5]
     for j, other in itertools.product(range(3), range(3)):
-        unit = np.eye(STATES)[chosen[other]] * step
-        slope = (gradient(plain + unit, 30.0) - gradient(plain - unit, 30.0)) / (2 * step)
-        np.testing.assert_allclose(made.work.curvature[:, j, other], slope[:, chosen[j]], atol=1e-8)
+        unit = np.eye(STATES)[curved[other]] * step
+        slope = (gradient(unscaled + unit, 30.0) - gradient(unscaled - unit, 30.0)) / (2 * step)
+        np.testing.assert_allclose(
+            mixture.work.curvature[:, j, other], slope[:, curved[j]], atol=1e-8
+        )
 
 
 def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
-    # the expectation over position and leader's compass by 10⁶ antithetic draws: second order is
-    # exact to σ⁴
+    # the expectation over position and leader's compass by 10⁶ antithetic draws, to four standard
+    # errors of their 500 000 pairs; second order is exact to σ⁴
     covariance = np.zeros((STATES, STATES))
     root = np.random.default_rng(5).normal(size=(3, 3)) * np.array([[0.8], [0.8], [0.05]])
     covariance[np.ix_([0, 1, 5], [0, 1, 5])] = root @ root.T
-    plain = STATE.copy()
-    plain[4] = 0.0
-    made, model = belief(covariance, plain)
-    predict_ranges(made, model, 0, signal(np.zeros(3) + 30.0), 0.0, 0.0)
+    unscaled = STATE.copy()
+    unscaled[4] = 0.0
+    mixture, model = make_belief(covariance, unscaled)
+    predict_ranges(mixture, model, 0, signal(np.zeros(3) + 30.0), 0.0, 0.0)
     half = np.random.default_rng(1).normal(size=(500_000, 3)) @ root.T
     draws = np.concatenate([half, -half])
-    x, y, bias = plain[0] + draws[:, 0], plain[1] + draws[:, 1], plain[5] + draws[:, 2]
+    x, y, bias = unscaled[0] + draws[:, 0], unscaled[1] + draws[:, 1], unscaled[5] + draws[:, 2]
     for i in range(3):
         sx = np.cos(bias) * ARMS[i, 0] - np.sin(bias) * ARMS[i, 1]
         sy = np.sin(bias) * ARMS[i, 0] + np.cos(bias) * ARMS[i, 1]
         rho = np.sqrt((x - LEADER[0] - sx) ** 2 + (y - LEADER[1] - sy) ** 2 + ARMS[i, 2] ** 2)
-        offset = plain[10] + (plain[7 + i] if i else 0.0)
+        offset = unscaled[10] + (unscaled[7 + i] if i else 0.0)
         mean = 0.5 * (rho[:500_000] + rho[500_000:])
-        assert 30.0 - made.work.residual[i] == pytest.approx(
+        assert 30.0 - mixture.work.residual[i] == pytest.approx(
             mean.mean() + offset, abs=4 * mean.std() / 700 + 1e-4
         )
 
@@ -125,44 +133,48 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     """With a covariance so small that nothing bends, and no random error of the leader."""
     settings = replace(EVERYTHING, leader_heading_sigma=0.0)
     covariance = some_covariance(1e-3)
-    plain = STATE.copy()
-    plain[4] = 0.0
-    ranges = ranges_of(plain, 30.0).real + np.array([0.003, -0.002, 0.004])
+    unscaled = STATE.copy()
+    unscaled[4] = 0.0
+    ranges = ranges_of(unscaled, 30.0).real + np.array([0.003, -0.002, 0.004])
     ranges[list(lost)] = np.nan
-    kept = [i for i in range(3) if i not in lost]
-    made, model = belief(covariance, plain, settings)
-    made.leader_variance = 0.0
-    assert update(made, model, 0, signal(ranges)) == len(kept)
+    received = [i for i in range(3) if i not in lost]
+    mixture, model = make_belief(covariance, unscaled, settings)
+    mixture.leader_variance = 0.0
+    assert update(mixture, model, 0, signal(ranges)) == len(received)
 
-    exact = gradient(plain, float(np.nanmax(ranges)))
+    exact = gradient(unscaled, float(np.nanmax(ranges)))
     exact[:, 4] = ranges / np.nanmax(ranges)
-    hessians = np.array([second(plain, i) for i in range(3)])
-    chosen = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
-    bent = [h @ chosen for h in hessians]
-    share = exact[:, 4]
+    hessians = np.array([hessian(unscaled, i) for i in range(3)])
+    curved_covariance = covariance[np.ix_([0, 1, 5], [0, 1, 5])]
+    hessian_covariance = [h @ curved_covariance for h in hessians]
+    scale_derivative = exact[:, 4]
     # rows of missing ranges are not used
-    share[list(lost)] = 0.0
+    scale_derivative[list(lost)] = 0.0
     noise = settings.range_sigma**2 * np.eye(3) + settings.range_scale_sigma**2 * np.outer(
-        share, share
+        scale_derivative, scale_derivative
     )
-    noise += 0.5 * np.array([[np.trace(a @ b) for a in bent] for b in bent])
-    kalman = KalmanFilter(dim_x=STATES, dim_z=len(kept))
-    kalman.x, kalman.P = plain.copy(), covariance.copy()
-    kalman.H, kalman.R = exact[kept], noise[np.ix_(kept, kept)]
-    expected = ranges_of(plain, 30.0).real + 0.5 * np.array([np.trace(a) for a in bent])
-    kalman.update(exact[kept] @ plain + (ranges - expected)[kept])
-    np.testing.assert_allclose(made.state[0, :STATES], kalman.x, atol=1e-9)
-    np.testing.assert_allclose(made.covariance[0, :STATES, :STATES], kalman.P, atol=1e-9)
+    noise += 0.5 * np.array(
+        [[np.trace(a @ b) for a in hessian_covariance] for b in hessian_covariance]
+    )
+    kalman = KalmanFilter(dim_x=STATES, dim_z=len(received))
+    kalman.x, kalman.P = unscaled.copy(), covariance.copy()
+    kalman.H, kalman.R = exact[received], noise[np.ix_(received, received)]
+    expected = ranges_of(unscaled, 30.0).real + 0.5 * np.array(
+        [np.trace(a) for a in hessian_covariance]
+    )
+    kalman.update(exact[received] @ unscaled + (ranges - expected)[received])
+    np.testing.assert_allclose(mixture.state[0, :STATES], kalman.x, atol=1e-9)
+    np.testing.assert_allclose(mixture.covariance[0, :STATES, :STATES], kalman.P, atol=1e-9)
 
 
-def second(state: Floats, i: int) -> Floats:
+def hessian(state: Floats, i: int) -> Floats:
     """Hessian of range i by x, y and b_L."""
-    step, chosen = 1e-5, [0, 1, 5]
+    step, curved = 1e-5, [0, 1, 5]
     rows = []
-    for index in chosen:
+    for index in curved:
         unit = np.eye(STATES)[index] * step
         rows.append(
-            ((gradient(state + unit, 30.0) - gradient(state - unit, 30.0)) / (2 * step))[i, chosen]
+            ((gradient(state + unit, 30.0) - gradient(state - unit, 30.0)) / (2 * step))[i, curved]
         )
     return np.array(rows)
 
@@ -171,51 +183,53 @@ def second(state: Floats, i: int) -> Floats:
     "echo", [(0.0, 0.0, 0.0), (2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 3.0), (1.0, 2.0, 3.0)]
 )
 def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, ...]) -> None:
-    plain = STATE.copy()
-    plain[4] = 0.0
+    unscaled = STATE.copy()
+    unscaled[4] = 0.0
     covariance = some_covariance(0.01)
-    ranges = ranges_of(plain, 30.0).real + np.array(echo)
-    made, model = belief(covariance, plain)
-    predict_ranges(made, model, 0, signal(ranges), 0.0, made.leader_variance)
-    residual, spread = made.work.residual.copy(), made.work.innovation_covariance.copy()
-    best = {}
+    ranges = ranges_of(unscaled, 30.0).real + np.array(echo)
+    mixture, model = make_belief(covariance, unscaled)
+    predict_ranges(mixture, model, 0, signal(ranges), 0.0, mixture.leader_variance)
+    residual, spread = mixture.work.residual.copy(), mixture.work.innovation_covariance.copy()
+    log_likelihoods = {}
     for size in range(4):
         for used in itertools.combinations(range(3), size):
-            left = [i for i in range(3) if i not in used]
-            total = size * np.log(0.95) + sum(
-                np.log(0.05 / 4.5) - 6.0 * (residual[i] < 0) for i in left
+            echoes = [i for i in range(3) if i not in used]
+            # an echo has a chance of 0.05 and a density of 1 / 4.5 m; a range that is too short is
+            # no echo, by a factor of exp(-6)
+            log_likelihood = size * np.log(0.95) + sum(
+                np.log(0.05 / 4.5) - 6.0 * (residual[i] < 0) for i in echoes
             )
             if used:
-                total += multivariate_normal.logpdf(
+                log_likelihood += multivariate_normal.logpdf(
                     residual[list(used)], cov=spread[np.ix_(used, used)]
                 )
-            best[used] = total
-    likeliest = max(best, key=best.__getitem__)
-    assert update(made, model, 0, signal(ranges)) == len(likeliest)
-    assert made.evidence[0] == pytest.approx(best[likeliest], abs=1e-9)
+            log_likelihoods[used] = log_likelihood
+    likeliest = max(log_likelihoods, key=log_likelihoods.__getitem__)
+    assert update(mixture, model, 0, signal(ranges)) == len(likeliest)
+    assert mixture.evidence[0] == pytest.approx(log_likelihoods[likeliest], abs=1e-9)
 
 
-def test_a_message_of_which_nothing_came_teaches_nothing() -> None:
-    made, model = belief(some_covariance(0.01))
-    before = made.state.copy(), made.covariance.copy()
-    outcome = made.outcome[0]
-    made.evidence[0] = outcome["normalised_innovation"] = made.turn_excess[0] = 7.0
-    assert update(made, model, 0, signal(np.full(3, np.nan))) == 0
+def test_a_message_without_received_ranges_changes_no_belief() -> None:
+    mixture, model = make_belief(some_covariance(0.01))
+    before = mixture.state.copy(), mixture.covariance.copy()
+    outcome = mixture.outcome[0]
+    mixture.evidence[0] = outcome["normalised_innovation"] = mixture.turn_excess[0] = 7.0
+    assert update(mixture, model, 0, signal(np.full(3, np.nan))) == 0
     assert (
-        made.evidence[0],
-        made.outcome["normalised_innovation"][0],
-        made.turn_excess[0],
-        made.outcome["n_used"][0],
+        mixture.evidence[0],
+        mixture.outcome["normalised_innovation"][0],
+        mixture.turn_excess[0],
+        mixture.outcome["n_used"][0],
     ) == (0.0, 0.0, 0.0, 0)
-    np.testing.assert_array_equal(made.state, before[0])
-    np.testing.assert_array_equal(made.covariance, before[1])
+    np.testing.assert_array_equal(mixture.state, before[0])
+    np.testing.assert_array_equal(mixture.covariance, before[1])
 
 
 def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
-    made, model = belief(-np.eye(STATES))
-    assert update(made, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
-    made, model = belief(np.full((STATES, STATES), np.nan))
-    assert update(made, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
+    mixture, model = make_belief(-np.eye(STATES))
+    assert update(mixture, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
+    mixture, model = make_belief(np.full((STATES, STATES), np.nan))
+    assert update(mixture, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
 
 
 def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
@@ -227,23 +241,23 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     """
     config = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model, sigma, rho = model_of(config), 0.3, np.sqrt(101.0)
-    made, message = new_belief(config, model, (10.0, 0.0)), new_signal()
-    made.covariance[0, :2, :2] = sigma**2 * np.eye(2)
-    made.covariance[0, 4, 4] = 0.0
+    mixture, message = new_belief(config, model, (10.0, 0.0)), new_signal()
+    mixture.covariance[0, :2, :2] = sigma**2 * np.eye(2)
+    mixture.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     message.ranges = rho + 3.0 + 0.02, rho + 3.0 - 0.02, np.nan
-    assert update(made, model, 0, message) == 1
+    assert update(mixture, model, 0, message) == 1
     slope = 2.0 / rho
-    assert made.state[0, 0] == pytest.approx(10.0, abs=1e-12)
-    assert made.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
+    assert mixture.state[0, 0] == pytest.approx(10.0, abs=1e-12)
+    assert mixture.covariance[0, 0, 0] == pytest.approx(sigma**2, abs=1e-12)
     # ½ tr(F P F P) of the difference, whose second derivative by x and y is −2 x / ρ³
-    bent = (2.0 * 10.0 / rho**3 * sigma**2) ** 2
-    variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + bent
-    assert made.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
-    assert made.covariance[0, 1, 1] == pytest.approx(
+    second_order_variance = (2.0 * 10.0 / rho**3 * sigma**2) ** 2
+    variance = slope**2 * sigma**2 + 2.0 * config.range_sigma**2 + second_order_variance
+    assert mixture.state[0, 1] == pytest.approx(slope * sigma**2 / variance * 0.04, rel=0.05)
+    assert mixture.covariance[0, 1, 1] == pytest.approx(
         sigma**2 - (slope * sigma**2) ** 2 / variance, abs=1e-4
     )
-    assert made.outcome[0]["nis_sum"] == pytest.approx(0.04**2 / variance, rel=0.05)
+    assert mixture.outcome[0]["nis_sum"] == pytest.approx(0.04**2 / variance, rel=0.05)
 
 
 def test_the_differences_of_a_reflection_are_those_of_the_direct_ways() -> None:
@@ -255,19 +269,19 @@ def test_the_differences_of_a_reflection_are_those_of_the_direct_ways() -> None:
     """
     config = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model = model_of(config)
-    place = np.array([30.0, 40.0])
-    aside = np.array([-0.8, 0.6])
-    made, message = new_belief(config, model, tuple(place + 0.2 * aside)), new_signal()
-    made.covariance[0, :2, :2] = 1e-4 * np.eye(2) + 0.25 * np.outer(aside, aside)
-    made.covariance[0, 4, 4] = 0.0
+    true_position = np.array([30.0, 40.0])
+    across = np.array([-0.8, 0.6])
+    mixture, message = new_belief(config, model, tuple(true_position + 0.2 * across)), new_signal()
+    mixture.covariance[0, :2, :2] = 1e-4 * np.eye(2) + 0.25 * np.outer(across, across)
+    mixture.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     message.echo_span = 10.0
-    ranges = np.hypot(place[0], place[1] - np.array([-1.0, 1.0]))
+    ranges = np.hypot(true_position[0], true_position[1] - np.array([-1.0, 1.0]))
     message.ranges[:2] = np.sqrt(ranges**2 + 600.0)
     message.ranges[2] = np.nan
-    assert update(made, model, 0, message) == 1
-    assert made.outcome[0]["shared"] == 1
-    off = made.state[0, :2] - place
+    assert update(mixture, model, 0, message) == 1
+    assert mixture.outcome[0]["shared"] == 1
+    error = mixture.state[0, :2] - true_position
     # second-order terms and the width across leave some centimetres
-    assert abs(off @ aside) < 0.05
-    assert made.covariance[0, :2, :2].diagonal().sum() < 0.05
+    assert abs(error @ across) < 0.05
+    assert mixture.covariance[0, :2, :2].diagonal().sum() < 0.05
