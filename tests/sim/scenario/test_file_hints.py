@@ -12,6 +12,7 @@ from sim.scenario.file import assigned, key_lines
 
 
 def refusal(*arguments: str) -> str:
+    """What `laisn check` prints when it refuses these arguments."""
     result = CliRunner().invoke(app, ["check", *arguments], env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
     assert "bug" not in result.output
@@ -84,7 +85,7 @@ def test_each_error_of_a_file_has_its_line(tmp_path: Path) -> None:
     }
     for key, line in expected.items():
         assert f"  line {lines.index(line) + 1}: {key}: " in text
-    # not that of the file, if the command sets another value
+    # without a line of the file where the command sets another value
     text = refusal(str(tmp_path / "mine.toml"), "--set", "leader.baseline_m=4")
     assert "  leader.baseline_m: " in text
 
@@ -99,22 +100,30 @@ def test_lines_are_those_of_headers_and_keys() -> None:
 
 
 def test_a_star_sets_all_members_of_a_list() -> None:
-    table = {"followers": [{"own": [{}, {}]}, {"own": [{}]}]}
-    changed = assigned(table, {"followers.*.own.*.sigma": 2})
-    assert changed == {"followers": [{"own": [{"sigma": 2}] * 2}, {"own": [{"sigma": 2}]}]}
+    table = {"followers": [{"sensors": [{}, {}]}, {"sensors": [{}]}]}
+    changed = assigned(table, {"followers.*.sensors.*.sigma": 2})
+    assert changed == {"followers": [{"sensors": [{"sigma": 2}] * 2}, {"sensors": [{"sigma": 2}]}]}
     loaded = laisn_sim.load("swarm", {"followers.*.drag_scale": 1.5})
     assert {follower.drag_scale for follower in loaded.followers} == {1.5}
 
 
-DEEP = "[" * 3000
-HUGE = "9" * 5000
+DEEPLY_NESTED = "[" * 3000
+HUGE_INTEGER = "9" * 5000
 
 
 @pytest.mark.parametrize(
-    "value", [DEEP, "[" * 50 + "]" * 50, HUGE, f"0x{'f' * 5000}", "\udc80", f"[{HUGE}]"]
+    "value",
+    [
+        DEEPLY_NESTED,
+        "[" * 50 + "]" * 50,
+        HUGE_INTEGER,
+        f"0x{'f' * 5000}",
+        "\udc80",
+        f"[{HUGE_INTEGER}]",
+    ],
 )
 @pytest.mark.parametrize("option", ["--set", "--vary", "--draw", "file"])
-def test_what_no_scenario_can_hold_is_refused_in_a_line(
+def test_a_value_that_no_scenario_can_hold_is_refused_in_three_lines_at_most(
     value: str, option: str, tmp_path: Path
 ) -> None:
     if option == "file":
@@ -131,9 +140,9 @@ def test_what_no_scenario_can_hold_is_refused_in_a_line(
         assert len(result.output.splitlines()) <= 3
 
 
-def test_python_is_held_to_the_same_bounds() -> None:
-    endless: list[object] = []
-    endless.append(endless)
-    for table in ({"seed": endless}, {"seed": 10**5000}, {"name": "\udc80"}, {"\udc80": 1}):
+def test_tables_from_python_are_held_to_the_same_bounds() -> None:
+    self_containing: list[object] = []
+    self_containing.append(self_containing)
+    for table in ({"seed": self_containing}, {"seed": 10**5000}, {"name": "\udc80"}, {"\udc80": 1}):
         with pytest.raises(LaisnError):
             laisn_sim.load({"followers": [{"route": "T5"}], **table})

@@ -18,55 +18,61 @@ TURN_RATE, ACCELERATION = np.deg2rad(10.0), 0.2
 RADIUS = 1.0 / TURN_RATE
 
 
-def square(corner_deg: float, leg: float = 200.0) -> Route:
-    """East, then turned to starboard by an angle, at 1 m/s in the turn: legs are timed along the
-    cut corner.
+def corner_route(corner_deg: float, leg: float = 200.0) -> Route:
+    """A leg east [m] and one turned to starboard by an angle.
+
+    The arc that cuts the corner is shorter than the legs to the waypoint; times allow for that, so
+    that the speed is 1 m/s throughout.
     """
-    turn = np.deg2rad(corner_deg)
-    points = [[0, 0], [leg, 0], [leg + leg * np.cos(turn), -leg * np.sin(turn)]]
-    saved = RADIUS * (np.tan(turn / 2) - turn / 2)
-    time = [0, leg - saved, 2 * leg - 2 * saved]
+    corner = np.deg2rad(corner_deg)
+    points = [[0, 0], [leg, 0], [leg + leg * np.cos(corner), -leg * np.sin(corner)]]
+    half_shortcut = RADIUS * (np.tan(corner / 2) - corner / 2)
+    time = [0, leg - half_shortcut, 2 * leg - 2 * half_shortcut]
     return Route.timed("corner", np.column_stack([time, points]), 5.0)
 
 
 def test_a_quarter_turn_takes_nine_seconds_on_a_circle():
-    flown = plan(square(90.0))
-    turning = np.flatnonzero(flown.turn_rate)
-    assert flown.turn_rate[turning] == pytest.approx(TURN_RATE)
-    begin, end = flown.start[turning[0]], flown.start[turning[-1] + 1]
+    planned = plan(corner_route(90.0))
+    turning = np.flatnonzero(planned.turn_rate)
+    assert planned.turn_rate[turning] == pytest.approx(TURN_RATE)
+    begin, end = planned.start[turning[0]], planned.start[turning[-1] + 1]
     assert end - begin == pytest.approx(9.0)
     assert begin == pytest.approx(200 - RADIUS)
-    motion = flown.at(np.linspace(begin, end, 50))
+    motion = planned.at(np.linspace(begin, end, 50))
     assert np.hypot(motion.east - (200 - RADIUS), motion.north + RADIUS) == pytest.approx(RADIUS)
     assert motion.speed == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("corner_deg", [-130.0, -45.0, 10.0, 90.0])
 def test_legs_are_straight_and_exact(corner_deg):
-    right = square(abs(corner_deg))
+    starboard_route = corner_route(abs(corner_deg))
     side = np.sign(corner_deg)
-    route = Route.timed("corner", np.column_stack([right.time, right.waypoint * [1, side]]), 5.0)
-    flown = plan(route)
-    motion = flown.at(np.arange(0, 350.0, 0.1))
+    route = Route.timed(
+        "corner", np.column_stack([starboard_route.time, starboard_route.waypoint * [1, side]]), 5.0
+    )
+    planned = plan(route)
+    motion = planned.at(np.arange(0, 350.0, 0.1))
     begin, end = (
-        flown.start[np.flatnonzero(flown.turn_rate)[0]],
-        flown.start[np.flatnonzero(flown.turn_rate)[-1] + 1],
+        planned.start[np.flatnonzero(planned.turn_rate)[0]],
+        planned.start[np.flatnonzero(planned.turn_rate)[-1] + 1],
     )
     time = np.arange(0, 350.0, 0.1)
     assert motion.north[time <= begin] == pytest.approx(0.0, abs=1e-9)
     direction = (route.waypoint[2] - route.waypoint[1]) / 200
-    late = time >= end
-    across = (motion.east[late] - 200) * direction[1] - motion.north[late] * direction[0]
-    assert across == pytest.approx(0.0, abs=1e-8)
+    after_turn = time >= end
+    cross_track = (motion.east[after_turn] - 200) * direction[1] - motion.north[
+        after_turn
+    ] * direction[0]
+    assert cross_track == pytest.approx(0.0, abs=1e-8)
     assert end - begin == pytest.approx(abs(corner_deg) / 10)
 
 
 def test_a_change_of_speed_is_a_ramp():
     # 100 s at most: 1 to 2 m/s takes 5 s and loses 2.5 m against 2 m/s from the start
-    flown = plan(Route.timed("ramp", [[0, 0, 0], [100, 0, 197.5]], 5.0))
-    assert flown.acceleration.tolist() == [ACCELERATION, 0, 0]
-    assert flown.start == pytest.approx([0, 5, 100])
-    motion = flown.at(np.array([0.0, 2.5, 5.0, 50.0, 100.0, 110.0]))
+    planned = plan(Route.timed("ramp", [[0, 0, 0], [100, 0, 197.5]], 5.0))
+    assert planned.acceleration.tolist() == [ACCELERATION, 0, 0]
+    assert planned.start == pytest.approx([0, 5, 100])
+    motion = planned.at(np.array([0.0, 2.5, 5.0, 50.0, 100.0, 110.0]))
     assert motion.speed == pytest.approx([1, 1.5, 2, 2, 2, 2])
     assert motion.north == pytest.approx([0, 2.5 + 0.1 * 2.5**2, 7.5, 97.5, 197.5, 217.5])
 
@@ -74,9 +80,9 @@ def test_a_change_of_speed_is_a_ramp():
 @pytest.mark.parametrize("name", names())
 def test_waypoints_are_met_on_time(name):
     route = library_route(name)
-    flown = plan(route)
+    planned = plan(route)
     for k in range(1, route.time.size):
-        motion = flown.at(route.time[k] + np.array([-0.05, 0.0, 0.05]))
+        motion = planned.at(route.time[k] + np.array([-0.05, 0.0, 0.05]))
         distance = np.hypot(motion.east - route.waypoint[k, 0], motion.north - route.waypoint[k, 1])
         assert distance[1] <= distance[[0, 2]].min() + 1e-9
     assert route.waypoint[-1] == pytest.approx([motion.east[1], motion.north[1]], abs=1e-6)
@@ -102,11 +108,11 @@ def test_the_position_is_the_integral_of_the_velocity():
     dt = 0.001
     time = np.arange(0, 1000, dt)
     motion = plan(library_route("T8")).at(time)
-    for position, part in (
+    for position, direction in (
         (motion.east, np.sin(motion.course)),
         (motion.north, np.cos(motion.course)),
     ):
-        velocity = motion.speed * part
+        velocity = motion.speed * direction
         integral = position[0] + np.concatenate(
             [[0], np.cumsum((velocity[1:] + velocity[:-1]) / 2 * dt)]
         )
@@ -115,13 +121,13 @@ def test_the_position_is_the_integral_of_the_velocity():
 
 
 def test_a_start_off_the_first_leg_turns_to_it_first():
-    # north wanted, east headed: after a quarter circle to port of radius R the vehicle is R ahead,
-    # and aims back
+    # the leg leads north, the vehicle heads east: a quarter circle to port of radius R would end
+    # R east of the leg, so the vehicle turns further and aims back at the waypoint
     route = Route.timed("start", [[0, 0, 0], [100, 0, 100]], 5.0, start_heading=np.pi / 2)
-    flown = plan(route)
-    motion = flown.at(np.array([0.0, 100.0]))
+    planned = plan(route)
+    motion = planned.at(np.array([0.0, 100.0]))
     assert motion.course[0] == pytest.approx(np.pi / 2)
-    assert flown.turn_rate[0] == pytest.approx(-TURN_RATE)
+    assert planned.turn_rate[0] == pytest.approx(-TURN_RATE)
     assert [motion.east[1], motion.north[1]] == pytest.approx([0, 100], abs=1e-9)
 
 
@@ -180,7 +186,7 @@ def test_any_route_is_met_on_time_or_refused(steps):
     assume(np.hypot(*np.diff(points[:, 1:], axis=0).T).min() > 0)
     route = Route.timed("any", points, 5.0)
     try:
-        flown = plan(route)
+        planned = plan(route)
     except ValueError as error:
         refusal = str(error)
     else:
@@ -189,15 +195,18 @@ def test_any_route_is_met_on_time_or_refused(steps):
         assert refusal.startswith("route 'any', waypoint ")
         return
     time = np.linspace(0, points[-1, 0], 2000)
-    motion = flown.at(time)
+    motion = planned.at(time)
     assert motion.speed.max() <= 3.0 + 1e-6
     assert np.abs(motion.turn_rate).max() <= np.deg2rad(10.0) + 1e-12
-    end = flown.at(route.time[-1:])
+    end = planned.at(route.time[-1:])
     assert [end.east[0], end.north[0]] == pytest.approx(route.waypoint[-1].tolist(), abs=1e-6)
     # corners are cut by less than R (1 / cos(c / 2) − 1), sharper ones not at all
-    reach = 3.0 / np.deg2rad(10.0) * (1 / np.cos(np.deg2rad(135.0) / 2) - 1)
-    there = flown.at(route.time)
-    assert np.hypot(there.east - points[:, 1], there.north - points[:, 2]).max() <= reach + 1e-6
+    largest_cut = 3.0 / np.deg2rad(10.0) * (1 / np.cos(np.deg2rad(135.0) / 2) - 1)
+    at_waypoints = planned.at(route.time)
+    assert (
+        np.hypot(at_waypoints.east - points[:, 1], at_waypoints.north - points[:, 2]).max()
+        <= largest_cut + 1e-6
+    )
 
 
 def test_a_fleet_moves_level_on_its_course():
@@ -216,8 +225,8 @@ def test_a_fleet_moves_level_on_its_course():
     assert flown.depth[:, 1] == pytest.approx(12.0)
     for i, route in enumerate(routes):
         motion = plan(route).at(flown.time)
-        ahead = flown.heading[:, i] - motion.course
-        assert np.abs(signed_angle(ahead)).max() < 1e-12
+        heading_difference = flown.heading[:, i] - motion.course
+        assert np.abs(signed_angle(heading_difference)).max() < 1e-12
         assert flown.forward_speed[:, i] == pytest.approx(motion.speed)
         assert flown.angular_velocity[:, i, 2] == pytest.approx(-motion.turn_rate)
     # the bow is 1 m along the course, east at first
@@ -225,59 +234,69 @@ def test_a_fleet_moves_level_on_its_course():
     assert flown.site_position[:, 1, 2] == pytest.approx(-11.9)
 
 
-def stop(
-    *, first: float = 150.0, until: float = 270.0, corner: float = 90.0, begins: bool = False
+def route_with_stop(
+    *,
+    arrival: float = 150.0,
+    departure: float = 270.0,
+    corner_deg: float = 90.0,
+    starts_at_rest: bool = False,
 ) -> Route:
-    """East for 120 m, a stop, and 100 m on another course."""
-    course = np.deg2rad(90.0 + corner)
-    end = [first + 400.0, 120.0 + 100.0 * np.sin(course), 100.0 * np.cos(course)]
-    points = [[0, 0, 0], [first, 120, 0], [until, 120, 0], end]
-    if begins:
+    """East for 120 m until the arrival [s], a stop until the departure [s], and 100 m on another
+    course; all of that after a stop of 30 s if it starts at rest.
+    """
+    course = np.deg2rad(90.0 + corner_deg)
+    end = [arrival + 400.0, 120.0 + 100.0 * np.sin(course), 100.0 * np.cos(course)]
+    points = [[0, 0, 0], [arrival, 120, 0], [departure, 120, 0], end]
+    if starts_at_rest:
         points = [[0, 0, 0], *([t + 30.0, x, y] for t, x, y in points)]
     return Route.timed("stop", points, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("begins", "first"), [(True, 150.0), (False, 150.0), (False, 90.0), (False, 122.5)]
+    ("starts_at_rest", "arrival"), [(True, 150.0), (False, 150.0), (False, 90.0), (False, 122.5)]
 )
-def test_a_vehicle_rests_at_a_place_that_is_given_twice(begins: bool, first: float) -> None:
+def test_a_vehicle_rests_at_a_place_that_is_given_twice(
+    starts_at_rest: bool, arrival: float
+) -> None:
     """From rest the leg is a trapezoid, v (T − v / a); from 1 m/s the difference of the ramps is
     lost besides.
     """
-    a, moved = ACCELERATION, 30.0 if begins else 0.0
-    flown = plan(stop(first=first, begins=begins))
-    time = np.arange(0.0, first + 400.0 + moved, 0.1)
-    motion = flown.at(time)
-    v = motion.speed[np.searchsorted(time, moved + first / 2)]
+    a, delay = ACCELERATION, 30.0 if starts_at_rest else 0.0
+    planned = plan(route_with_stop(arrival=arrival, starts_at_rest=starts_at_rest))
+    time = np.arange(0.0, arrival + 400.0 + delay, 0.1)
+    motion = planned.at(time)
+    v = motion.speed[np.searchsorted(time, delay + arrival / 2)]
     distance = (
-        v * (first - v / a) if begins else v * first - (abs(v - 1.0) * (v - 1.0) + v * v) / (2 * a)
+        v * (arrival - v / a)
+        if starts_at_rest
+        else v * arrival - (abs(v - 1.0) * (v - 1.0) + v * v) / (2 * a)
     )
     assert distance == pytest.approx(120.0)
-    rests = (time >= first + moved) & (time <= first + 120.0 + moved)
-    assert np.abs(motion.speed[rests]).max() < 1e-12
-    assert motion.east[rests] == pytest.approx(120.0, abs=1e-9)
-    assert np.ptp(motion.course[rests]) < 1e-12
-    if begins:
+    is_resting = (time >= arrival + delay) & (time <= arrival + 120.0 + delay)
+    assert np.abs(motion.speed[is_resting]).max() < 1e-12
+    assert motion.east[is_resting] == pytest.approx(120.0, abs=1e-9)
+    assert np.ptp(motion.course[is_resting]) < 1e-12
+    if starts_at_rest:
         assert np.abs(motion.east[time <= 30.0]).max() == 0.0
-    # the speed is that of the way at all times
+    # at all times the speed is the rate of change of the position
     assert np.hypot(np.gradient(motion.east, 0.1), np.gradient(motion.north, 0.1))[
         1:-1
     ] == pytest.approx(motion.speed[1:-1], abs=0.03)
     assert motion.speed.min() >= 0.0
 
 
-@pytest.mark.parametrize("corner", [-150.0, -60.0, 0.0, 90.0])
+@pytest.mark.parametrize("corner_deg", [-150.0, -60.0, 0.0, 90.0])
 def test_after_a_stop_a_vehicle_turns_on_the_spot_and_reaches_its_waypoint_in_time(
-    corner: float,
+    corner_deg: float,
 ) -> None:
-    route = stop(corner=corner)
-    flown = plan(route)
-    turned = flown.at(np.array([270.0 + abs(corner) / 10.0]))
+    route = route_with_stop(corner_deg=corner_deg)
+    planned = plan(route)
+    turned = planned.at(np.array([270.0 + abs(corner_deg) / 10.0]))
     assert (turned.east[0], turned.north[0], turned.speed[0]) == pytest.approx(
         (120.0, 0.0, 0.0), abs=1e-9
     )
-    assert turned.course[0] == pytest.approx(np.pi / 2 + np.deg2rad(corner))
-    end = flown.at(route.time[-1:])
+    assert turned.course[0] == pytest.approx(np.pi / 2 + np.deg2rad(corner_deg))
+    end = planned.at(route.time[-1:])
     assert [end.east[0], end.north[0]] == pytest.approx(route.waypoint[-1].tolist(), abs=1e-6)
 
 
@@ -291,6 +310,6 @@ def test_a_stop_that_comes_too_soon_is_refused(distance: float, time: float) -> 
 
 
 def test_a_vehicle_stays_where_its_route_ends_with_a_stop() -> None:
-    flown = plan(Route.timed("end", [[0, 0, 0], [100, 80, 0], [101, 80, 0]], 5.0))
-    motion = flown.at(np.array([100.0, 5000.0]))
+    planned = plan(Route.timed("end", [[0, 0, 0], [100, 80, 0], [101, 80, 0]], 5.0))
+    motion = planned.at(np.array([100.0, 5000.0]))
     assert (motion.speed.tolist(), motion.east) == ([0.0, 0.0], pytest.approx(80.0))

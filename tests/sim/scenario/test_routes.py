@@ -14,6 +14,9 @@ from sim.scenario.routes import DepthProfile, Route
 from tests.effort import examples
 
 MISSION = np.arange(0.0, 1000.05, 0.1)
+"""Instants of the paper's mission [s]."""
+FOLLOWER_ROUTES = routes.names()[:-1]
+"""All but the last, which is the leader's."""
 
 
 def test_the_leader_draws_an_l_of_a_kilometre_in_a_thousand_seconds():
@@ -23,30 +26,30 @@ def test_the_leader_draws_an_l_of_a_kilometre_in_a_thousand_seconds():
     assert leader.leg_length.sum() == 1000
 
 
-@pytest.mark.parametrize("name", routes.names()[:-1])
+@pytest.mark.parametrize("name", FOLLOWER_ROUTES)
 def test_followers_start_heading_east_at_one_metre_per_second(name):
     motion = plan(routes.library_route(name)).at(np.zeros(1))
     assert motion.course[0] == pytest.approx(np.pi / 2)
     assert motion.speed[0] == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", routes.names()[:-1])
+@pytest.mark.parametrize("name", FOLLOWER_ROUTES)
 def test_the_figures_beside_the_waypoints_are_those_of_the_point_motion(name):
     text = (resources.files("sim.scenario") / "data" / "followers_T2_T9.json").read_text(
         encoding="utf-8"
     )
-    noted = json.loads(text)[name]
+    stored = json.loads(text)[name]
     follower, leader = (
         plan(routes.library_route(name)).at(MISSION),
         plan(routes.library_route("L")).at(MISSION),
     )
     east, north = follower.east - leader.east, follower.north - leader.north
     distance, bearing = np.hypot(east, north), np.arctan2(east, north) - leader.course
-    assert noted["mean_distance_m"] == pytest.approx(distance.mean(), abs=1e-3)
-    assert noted["max_distance_m"] == pytest.approx(distance.max(), abs=1e-3)
-    assert noted["min_distance_m"] == pytest.approx(distance.min(), abs=1e-3)
-    assert noted["mean_abs_sin_bearing"] == pytest.approx(np.abs(np.sin(bearing)).mean(), abs=1e-3)
-    assert noted["max_speed_m_s"] == pytest.approx(follower.speed.max(), abs=1e-3)
+    assert stored["mean_distance_m"] == pytest.approx(distance.mean(), abs=1e-3)
+    assert stored["max_distance_m"] == pytest.approx(distance.max(), abs=1e-3)
+    assert stored["min_distance_m"] == pytest.approx(distance.min(), abs=1e-3)
+    assert stored["mean_abs_sin_bearing"] == pytest.approx(np.abs(np.sin(bearing)).mean(), abs=1e-3)
+    assert stored["max_speed_m_s"] == pytest.approx(follower.speed.max(), abs=1e-3)
 
 
 def test_t8_has_one_burst_close_to_the_leader():
@@ -56,14 +59,14 @@ def test_t8_has_one_burst_close_to_the_leader():
         plan(routes.library_route("T8")).at(MISSION),
         plan(routes.library_route("L")).at(MISSION),
     )
-    fast = MISSION[follower.speed > 1.7]
+    burst_times = MISSION[follower.speed > 1.7]
     assert follower.speed.max() == pytest.approx(3.0, abs=0.05)
-    assert np.ptp(fast) < 30
-    assert np.diff(fast).max() < 0.2
+    assert np.ptp(burst_times) < 30
+    assert np.diff(burst_times).max() < 0.2
     distance = np.hypot(follower.east - leader.east, follower.north - leader.north)
-    nearest = MISSION[distance.argmin()]
-    assert fast[0] < nearest < fast[-1]
-    assert abs(nearest - 700) < 10
+    nearest_time = MISSION[distance.argmin()]
+    assert burst_times[0] < nearest_time < burst_times[-1]
+    assert abs(nearest_time - 700) < 10
     assert distance.min() < 6
     assert 20 < np.ptp(MISSION[distance < 15]) < 40
 
@@ -92,7 +95,7 @@ def test_a_route_cannot_be_changed():
         route.waypoint[0, 0] = 1.0
 
 
-def test_depth_profiles():
+def test_depth_profiles_are_linear_between_points_and_constant_beyond_the_last():
     time = np.array([0.0, 5.0, 10.0, 15.0, 30.0])
     depth, rate = DepthProfile.through([[0, 10], [10, 15], [20, 15]]).at(time)
     assert depth.tolist() == [10, 12.5, 15, 15, 15]
@@ -132,7 +135,10 @@ def test_random_routes_keep_to_their_class(seed, name):
     assert legs[:-1].max() <= longest + 0.5
     assert legs[-1] <= longest + shortest
     east, north = route.waypoint.T - np.array(
-        [np.interp(route.time, MISSION, m) for m in (leader.east, leader.north)]
+        [
+            np.interp(route.time, MISSION, leader_coordinate)
+            for leader_coordinate in (leader.east, leader.north)
+        ]
     )
     bearing = np.arctan2(east, north) - np.interp(route.time, MISSION, leader.course)
     # within a degree, as the leader turns by that much in a tick
@@ -140,11 +146,13 @@ def test_random_routes_keep_to_their_class(seed, name):
 
 
 def test_a_random_route_is_a_function_of_the_seed():
-    a, b, c = (
+    route, same_seed, other_seed = (
         random_route(np.random.default_rng(seed), CLASSES["100-near-drastic"]) for seed in (1, 1, 2)
     )
-    assert np.array_equal(a.waypoint, b.waypoint)
-    assert a.waypoint.shape != c.waypoint.shape or not np.array_equal(a.waypoint, c.waypoint)
+    assert np.array_equal(route.waypoint, same_seed.waypoint)
+    assert route.waypoint.shape != other_seed.waypoint.shape or not np.array_equal(
+        route.waypoint, other_seed.waypoint
+    )
 
 
 def test_an_impossible_class_is_refused():
@@ -154,11 +162,11 @@ def test_an_impossible_class_is_refused():
 
 
 def test_random_waypoints_depend_on_their_address_and_can_be_flown():
-    one = random_waypoints("50-near-alike", [4, 0])
-    assert random_waypoints("50-near-alike", [4, 0]) == one
-    assert random_waypoints("50-near-alike", [4, 1]) != one
-    assert (one[0][0], one[-1][0]) == (0.0, 1000.0)
-    motion = plan(routes.Route.timed("drawn", one, 8.0)).at(MISSION)
-    for time, east, north in one[1:-1]:
-        near = np.hypot(motion.east - east, motion.north - north).min()
-        assert near < 10.0, f"the route passes the waypoint of {time} s"
+    waypoints = random_waypoints("50-near-alike", [4, 0])
+    assert random_waypoints("50-near-alike", [4, 0]) == waypoints
+    assert random_waypoints("50-near-alike", [4, 1]) != waypoints
+    assert (waypoints[0][0], waypoints[-1][0]) == (0.0, 1000.0)
+    motion = plan(routes.Route.timed("drawn", waypoints, 8.0)).at(MISSION)
+    for time, east, north in waypoints[1:-1]:
+        closest = np.hypot(motion.east - east, motion.north - north).min()
+        assert closest < 10.0, f"the route passes the waypoint of {time} s"

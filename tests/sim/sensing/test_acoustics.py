@@ -1,4 +1,4 @@
-"""Travel time, sound speed, clocks, echoes and loss against closed forms."""
+"""Travel time, sound speed, clocks, echoes and losses of messages against closed forms."""
 
 from dataclasses import replace
 from itertools import groupby
@@ -25,7 +25,9 @@ from sim.water.rays import Path, SoundProfile, image, mean_slowness, path_slowne
 from tests.straight import make_scenario, make_trajectory
 
 REAR, FRONT, MIDDLE = range(3)
+"""Columns of the transmitters in arrays of ranges."""
 C = 1500.0
+"""The navigator's speed of sound [m/s]."""
 
 
 @compiled
@@ -38,59 +40,65 @@ def test_without_settings_ranges_are_the_distances_of_the_sites_at_the_ping():
         (30.0, -12.0, -11.0), leader_velocity=(1.0, 0.2, 0.0), follower_velocity=(0.9, 0.0, 0.0)
     )
     truth = observe(trajectory, SensingSettings.of(make_scenario()))
-    at = truth.message_step
-    assert_array_equal(at, np.arange(10, 201, 10))
+    message_step = truth.message_step
+    assert_array_equal(message_step, np.arange(10, 201, 10))
     for i, site in enumerate(TRANSMITTERS):
-        apart = (
-            trajectory.site_position[at, trajectory.site(site)]
-            - trajectory.site_position[at, trajectory.site("follower/hydrophone")]
+        offset = (
+            trajectory.site_position[message_step, trajectory.site(site)]
+            - trajectory.site_position[message_step, trajectory.site("follower/hydrophone")]
         )
-        assert_array_equal(truth.slant_range[:, i], np.linalg.norm(apart, axis=1))
+        assert_array_equal(truth.slant_range[:, i], np.linalg.norm(offset, axis=1))
 
 
 @pytest.mark.parametrize("speed", [-3.0, 0.0, 2.0])
 def test_travel_time_to_a_receding_hydrophone(speed):
     trajectory = make_trajectory((60.0, 0.0, -8.0), follower_velocity=(speed, 0.0, 0.0))
     sound = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(travel_time=True))))
-    at_ping = 60.0 + speed * 0.1 * sound.emission_step[:, None] - np.array([-1.0, 1.0, 0.0])
-    # (t_a − t_e) c = R + v (t_a − t_e), but for the 5 mm sideways of the middle transmitter's 0.1 m
-    assert_allclose(sound.range[:, :2, Path.DIRECT], (at_ping * C / (C - speed))[:, :2], atol=1e-9)
+    east_at_ping = 60.0 + speed * 0.1 * sound.emission_step[:, None] - np.array([-1.0, 1.0, 0.0])
+    # emitted at t_e, a ping arrives at t_a: (t_a − t_e) c = R + v (t_a − t_e). The middle
+    # transmitter, 0.1 m aside, has a range that is 5 mm longer, and is left out.
+    assert_allclose(
+        sound.range[:, :2, Path.DIRECT], (east_at_ping * C / (C - speed))[:, :2], atol=1e-9
+    )
 
 
 def test_a_message_is_available_at_the_first_step_after_its_last_ping():
     trajectory = make_trajectory((74.0, 0.0, -8.0))
-    at_once = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(travel_time=True))))
+    simultaneous_pings = propagate(
+        trajectory, SensingSettings.of(make_scenario(Acoustics(travel_time=True)))
+    )
     # 75 m take 0.05 s
-    assert_array_equal(at_once.message_step, at_once.emission_step + 1)
-    three = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
-    three = three.model_copy(update={"navigation": Navigation(variant="laisn-3-1")})
-    slots = propagate(trajectory, SensingSettings.of(three))
-    assert_array_equal(slots.message_step, slots.emission_step + 5)
-    assert slots.message_step[-1] <= 200
-    assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(three)).slant_range))
+    assert_array_equal(simultaneous_pings.message_step, simultaneous_pings.emission_step + 1)
+    three_slots = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
+    three_slots = three_slots.model_copy(update={"navigation": Navigation(variant="laisn-3-1")})
+    slotted_pings = propagate(trajectory, SensingSettings.of(three_slots))
+    assert_array_equal(slotted_pings.message_step, slotted_pings.emission_step + 5)
+    assert slotted_pings.message_step[-1] <= 200
+    assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(three_slots)).slant_range))
 
 
 def test_laisn_2_does_not_wait_for_the_third_ping():
     """After the end of its listening window it does not receive that ping either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))
-    two = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
-    slots = propagate(trajectory, SensingSettings.of(two))
+    scenario = make_scenario(Acoustics(travel_time=True, ping_slot_s=0.2))
+    slotted_pings = propagate(trajectory, SensingSettings.of(scenario))
     # front ping 0.2 s after the rear one, under way for 0.05 s
-    assert_array_equal(slots.message_step, slots.emission_step + 3)
-    receptions = observe(trajectory, SensingSettings.of(two)).slant_range
-    assert np.all(np.isnan(receptions[:, MIDDLE]))
-    assert not np.any(np.isnan(receptions[:, :MIDDLE]))
+    assert_array_equal(slotted_pings.message_step, slotted_pings.emission_step + 3)
+    slant_range = observe(trajectory, SensingSettings.of(scenario)).slant_range
+    assert np.all(np.isnan(slant_range[:, MIDDLE]))
+    assert not np.any(np.isnan(slant_range[:, :MIDDLE]))
     # where it arrives in time, it is received
-    at_once = make_scenario(Acoustics(travel_time=True))
-    assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(at_once)).slant_range))
+    simultaneous_pings = make_scenario(Acoustics(travel_time=True))
+    assert not np.any(
+        np.isnan(observe(trajectory, SensingSettings.of(simultaneous_pings)).slant_range)
+    )
 
 
 def test_of_two_messages_in_one_step_the_first_is_kept() -> None:
-    """A hydrophone comes nearer than 150 m, from where sound takes as long as there is between two
-    messages.
+    """Messages leave every 0.1 s, in which sound travels 150 m.
 
-    161.05 m − t from the rear transmitter, it does so at 11.05 s. What is sent at 10.9 s arrives in
-    the step to 11.1 s, as does the message of 11 s.
+    The hydrophone closes at 1 m/s and is (161.05 − t) m from the rear transmitter, thus nearer than
+    150 m from 11.05 s on. The messages of 10.9 s and of 11 s both arrive in the step to 11.1 s.
     """
     trajectory = make_trajectory((160.05, 0.0, -8.0), follower_velocity=(-1.0, 0.0, 0.0))
     scenario = make_scenario(Acoustics(travel_time=True))
@@ -118,24 +126,31 @@ def test_pings_leave_from_where_the_transmitter_is_in_its_slot():
     slot, speed = 0.13, 1.7
     trajectory = make_trajectory((0.0, 20.0, -8.0), leader_velocity=(speed, 0, 0))
     sound = propagate(trajectory, SensingSettings.of(make_scenario(Acoustics(ping_slot_s=slot))))
-    east = speed * sound.emission_step * 0.1
-    assert_allclose(sound.transmitter[:, FRONT, 0], east + speed * slot + 1.0, atol=1e-12)
-    assert_allclose(sound.transmitter[:, MIDDLE, 0], east + speed * 2 * slot, atol=1e-12)
+    east_at_emission = speed * sound.emission_step * 0.1
+    assert_allclose(
+        sound.transmitter[:, FRONT, 0], east_at_emission + speed * slot + 1.0, atol=1e-12
+    )
+    assert_allclose(
+        sound.transmitter[:, MIDDLE, 0], east_at_emission + speed * 2 * slot, atol=1e-12
+    )
 
 
 @given(upper=st.floats(0, 60), lower=st.floats(0, 60))
 @example(upper=40.0, lower=40.0)
 @example(upper=20.0005, lower=20.0)
 def test_mean_slowness_of_a_linear_profile(upper, lower):
+    """∫ dz / c is ln(c₂ / c₁) / 1.4 in the gradient of 1.4 1/s, down to 50 m, and linear below."""
     sound = SoundProfile.through([[0.0, 1450.0], [50.0, 1520.0]])
     c1, c2 = (1450.0 + 1.4 * min(d, 50.0) for d in (upper, lower))
-    below = max(upper - 50, 0), max(lower - 50, 0)
+    below_profile = max(upper - 50, 0), max(lower - 50, 0)
     if abs(upper - lower) < 1e-3:
         expected = 1 / speed_at(sound, (upper + lower) / 2)
     elif c1 == c2:
         expected = 1 / c1
     else:
-        expected = (np.log(c2 / c1) / 1.4 + (below[1] - below[0]) / 1520.0) / (lower - upper)
+        expected = (np.log(c2 / c1) / 1.4 + (below_profile[1] - below_profile[0]) / 1520.0) / (
+            lower - upper
+        )
     assert_allclose(mean_slowness(sound, upper, lower), expected, rtol=1e-9)
     # in compiled code too
     assert_allclose(compiled_slowness(sound, upper, lower), expected, rtol=1e-9)
@@ -151,10 +166,10 @@ def test_sound_has_the_speed_between_and_beyond_the_points_of_a_profile() -> Non
 
 def test_profile_and_bias_scale_the_range():
     trajectory = make_trajectory((20.0, 0.0, -18.0))
-    profile = make_scenario(Acoustics(sound_speed_profile=((0.0, 1480.0), (20.0, 1500.0))))
-    ranges = propagate(trajectory, SensingSettings.of(profile)).range[:, FRONT, Path.DIRECT]
-    slowness = np.log(1498.0 / 1488.0) / 10.0
-    assert_allclose(ranges, np.hypot(19.0, 10.0) * C * slowness, rtol=1e-12)
+    refracting = make_scenario(Acoustics(sound_speed_profile=((0.0, 1480.0), (20.0, 1500.0))))
+    ranges = propagate(trajectory, SensingSettings.of(refracting)).range[:, FRONT, Path.DIRECT]
+    mean_slowness_over_depth = np.log(1498.0 / 1488.0) / 10.0
+    assert_allclose(ranges, np.hypot(19.0, 10.0) * C * mean_slowness_over_depth, rtol=1e-12)
     biased = make_scenario(Acoustics(sound_speed_bias_m_s=15.0))
     assert_allclose(
         propagate(trajectory, SensingSettings.of(biased)).range[:, FRONT, Path.DIRECT],
@@ -165,42 +180,52 @@ def test_profile_and_bias_scale_the_range():
 
 def test_clock_offset_and_drift_shift_all_ranges():
     trajectory = make_trajectory((20.0, 0.0, -8.0))
-    plain = propagate(trajectory, SensingSettings.of(make_scenario())).range
+    without_errors = propagate(trajectory, SensingSettings.of(make_scenario())).range
     sound = propagate(
         trajectory,
         SensingSettings.of(make_scenario(Acoustics(clock_offset_s=1e-3, clock_drift_ppm=50.0))),
     )
     shift = C * (1e-3 + 50e-6 * sound.emission_step * 0.1)
     assert_allclose(
-        (sound.range - plain)[:, :, Path.DIRECT], np.tile(shift[:, None], 3), atol=1e-10
+        (sound.range - without_errors)[:, :, Path.DIRECT], np.tile(shift[:, None], 3), atol=1e-10
     )
 
 
 @pytest.mark.parametrize(
-    ("path", "height"), [(Path.SURFACE, 8.0 + 11.0), (Path.BOTTOM, 2 * 30.0 - 8.0 - 11.0)]
+    ("path", "image_height"), [(Path.SURFACE, 8.0 + 11.0), (Path.BOTTOM, 2 * 30.0 - 8.0 - 11.0)]
 )
-def test_echo_comes_from_the_image(path, height):
+def test_echo_comes_from_the_image(path, image_height):
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.1, bottom_echo_probability=0.1))
     sound = propagate(trajectory, SensingSettings.of(scenario))
-    assert_allclose(sound.range[:, FRONT, path], np.sqrt(14.0**2 + 9.0**2 + height**2), rtol=1e-12)
+    assert_allclose(
+        sound.range[:, FRONT, path], np.sqrt(14.0**2 + 9.0**2 + image_height**2), rtol=1e-12
+    )
     assert np.all(sound.range[:, :, path] > sound.range[:, :, Path.DIRECT])
-    profile = scenario.model_copy(
+    refracting = scenario.model_copy(
         update={
             "acoustics": scenario.acoustics.model_copy(
                 update={"sound_speed_profile": ((0.0, 1400.0), (10.0, 1600.0), (30.0, 1450.0))}
             )
         }
     )
-    refracted = propagate(trajectory, SensingSettings.of(profile)).arrival.ratio[0, FRONT, path] / C
-    depth = (
+    mean_slowness_of_echo = (
+        propagate(trajectory, SensingSettings.of(refracting)).arrival.ratio[0, FRONT, path] / C
+    )
+    longer_part = (
         np.linspace(0.0, 11.0, 1_000_001)
         if path is Path.SURFACE
         else np.linspace(8.0, 30.0, 1_000_001)
     )
-    other = depth[depth <= 8.0] if path is Path.SURFACE else depth[depth >= 11.0]
-    slowness = 1 / np.interp(np.concatenate([depth, other]), [0, 10, 30], [1400, 1600, 1450])
-    assert_allclose(refracted, slowness.mean(), rtol=1e-6)
+    shorter_part = (
+        longer_part[longer_part <= 8.0]
+        if path is Path.SURFACE
+        else longer_part[longer_part >= 11.0]
+    )
+    slowness = 1 / np.interp(
+        np.concatenate([longer_part, shorter_part]), [0, 10, 30], [1400, 1600, 1450]
+    )
+    assert_allclose(mean_slowness_of_echo, slowness.mean(), rtol=1e-6)
 
 
 def test_images_of_images_are_the_sources():
@@ -212,7 +237,7 @@ def test_images_of_images_are_the_sources():
 ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05)
 
 
-def paths(errors: SensorErrors, run: int, steps: Ints) -> Ints:
+def paths_of_messages(errors: SensorErrors, run: int, steps: Ints) -> Ints:
     """Paths of messages sent at these steps, shape (m, 3)."""
     return np.array(
         [paths_taken(errors, Address(*seed_and_run(1, run), 0, step)) for step in steps.tolist()]
@@ -221,29 +246,37 @@ def paths(errors: SensorErrors, run: int, steps: Ints) -> Ints:
 
 def test_echoes_occur_at_the_set_rate_independently():
     steps = np.arange(1, 50_001)
-    path = paths(ECHOES, 0, steps)
-    for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05), (Path.DIRECT, 0.75)):
-        share = (path == kind).mean(axis=0)
-        assert_allclose(share, chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size))
-    both = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
-    assert_allclose(both, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
+    path = paths_of_messages(ECHOES, 0, steps)
+    for expected_path, probability in (
+        (Path.SURFACE, 0.2),
+        (Path.BOTTOM, 0.05),
+        (Path.DIRECT, 0.75),
+    ):
+        rate = (path == expected_path).mean(axis=0)
+        assert_allclose(
+            rate, probability, atol=4.5 * np.sqrt(probability * (1 - probability) / steps.size)
+        )
+    both_surface_rate = np.mean((path[:, REAR] == Path.SURFACE) & (path[:, FRONT] == Path.SURFACE))
+    assert_allclose(both_surface_rate, 0.04, atol=4.5 * np.sqrt(0.04 / steps.size))
     drawn = uniforms(1, 0, Stream.ECHO.number(), steps)[:, :3]
     assert_array_equal(
         path, np.select([drawn < 0.2, drawn < 0.25], [Path.SURFACE, Path.BOTTOM], Path.DIRECT)
     )
 
 
-def test_common_echoes_are_as_often_and_of_all_pings_of_a_message():
+def test_common_echoes_are_as_frequent_and_hit_all_pings_of_a_message():
     steps = np.arange(1, 50_001)
-    path = paths(ECHOES._replace(common_echoes=True), 0, steps)
+    path = paths_of_messages(ECHOES._replace(common_echoes=True), 0, steps)
     assert_array_equal(path, np.repeat(path[:, :1], 3, axis=1))
-    for kind, chance in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
+    for expected_path, probability in ((Path.SURFACE, 0.2), (Path.BOTTOM, 0.05)):
         assert_allclose(
-            (path == kind).mean(), chance, atol=4.5 * np.sqrt(chance * (1 - chance) / steps.size)
+            (path == expected_path).mean(),
+            probability,
+            atol=4.5 * np.sqrt(probability * (1 - probability) / steps.size),
         )
 
 
-def received(steps: Ints, errors: SensorErrors) -> Bools:
+def arrives(steps: Ints, errors: SensorErrors) -> Bools:
     """Whether each message arrives, of a mission that sends one at each step."""
     n = steps.size
     truth = IdealMeasurements(
@@ -265,16 +298,17 @@ def received(steps: Ints, errors: SensorErrors) -> Bools:
 
 @pytest.mark.system
 def test_loss_has_the_rate_and_the_bursts_of_the_chain():
+    """Of Gilbert and Elliott: p = 0.02 into a burst, r = 1/8 out of it, lost are p / (p + r)."""
     steps = np.arange(1, 200_001)
-    alone = received(steps, SensorErrors(loss_probability=0.3))
-    assert_allclose(1 - alone.mean(), 0.3, atol=4.5 * np.sqrt(0.21 / steps.size))
+    arrived_without_bursts = arrives(steps, SensorErrors(loss_probability=0.3))
+    assert_allclose(1 - arrived_without_bursts.mean(), 0.3, atol=4.5 * np.sqrt(0.21 / steps.size))
     bursts = SensorErrors(burst_probability=0.02, burst_mean_messages=8.0)
-    arrived = received(steps, bursts)
+    arrived = arrives(steps, bursts)
     lengths = np.array([len(list(run)) for lost, run in groupby(~arrived) if lost])
     # lengths are geometric: standard deviation √(8 · 7)
     assert_allclose(lengths.mean(), 8.0, atol=4.5 * np.sqrt(56.0 / lengths.size))
     assert_allclose(1 - arrived.mean(), 0.02 / (0.02 + 1 / 8), atol=0.01)
-    assert received(steps[:1000], SensorErrors()).all()
+    assert arrives(steps[:1000], SensorErrors()).all()
 
 
 def test_pings_from_beyond_the_maximum_range_are_not_received():
@@ -287,15 +321,15 @@ def test_pings_from_beyond_the_maximum_range_are_not_received():
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "settings",
     [
         {"surface_echo_probability": 0.7, "bottom_echo_probability": 0.4},
         {"sound_speed_profile": ((5.0, 1500.0), (5.0, 1490.0))},
     ],
 )
-def test_impossible_settings_are_refused(bad):
+def test_impossible_settings_are_refused(settings):
     with pytest.raises(ValueError, match=r"add up|not deeper"):
-        Acoustics(**bad)
+        Acoustics(**settings)
 
 
 @pytest.mark.parametrize(
@@ -332,32 +366,42 @@ def test_a_campaign_meets_the_echoes_and_losses_of_its_flights(acoustics, varian
         heading_pitch_roll=(1.5, 0.05, 0.02),
     )
     scenario = make_scenario(acoustics)
-    chosen = replace(navigation_settings(scenario, trajectory.sites, 0), variant=variant)
+    navigator_settings = replace(
+        navigation_settings(scenario, trajectory.sites, 0), variant=variant
+    )
     scenario = scenario.model_copy(update={"navigation": Navigation(variant=variant)})
     truth, errors = (
         observe(trajectory, SensingSettings.of(scenario)),
         errors_of(SensingSettings.of(scenario)),
     )
-    states = histories(Cell(truth=truth, errors=errors, settings=chosen, runs=range(3)))
+    campaign_states = histories(
+        Cell(truth=truth, errors=errors, settings=navigator_settings, runs=range(3))
+    )
     for run in range(3):
-        receptions = measure(truth, errors, seed=1, run=run, transmitters=chosen.transmitters)
+        receptions = measure(
+            truth, errors, seed=1, run=run, transmitters=navigator_settings.transmitters
+        )
         assert_allclose(
-            Navigator(chosen, truth.start).run(receptions).state, states[..., run], atol=1e-9
+            Navigator(navigator_settings, truth.start).run(receptions).state,
+            campaign_states[..., run],
+            atol=1e-9,
         )
 
 
-def test_a_reading_of_an_echo_is_the_path_of_the_echo():
+def test_a_range_that_is_read_from_an_echo_is_the_length_of_its_path():
     trajectory = make_trajectory((15.0, 9.0, -11.0))
     scenario = make_scenario(Acoustics(surface_echo_probability=0.4, bottom_echo_probability=0.3))
     errors = errors_of(SensingSettings.of(scenario))._replace(
         range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0
     )
     truth = observe(trajectory, SensingSettings.of(scenario))
-    read = measure(truth, errors, seed=1, run=2).ranges
-    path = paths(errors, 2, truth.emission_step)
+    measured_ranges = measure(truth, errors, seed=1, run=2).ranges
+    path = paths_of_messages(errors, 2, truth.emission_step)
     sound = propagate(trajectory, SensingSettings.of(scenario))
     assert_allclose(
-        read, np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0], rtol=1e-15
+        measured_ranges,
+        np.take_along_axis(sound.range, path[..., None], axis=2)[..., 0],
+        rtol=1e-15,
     )
     assert {int(p) for p in np.unique(path)} == {0, 1, 2}
 

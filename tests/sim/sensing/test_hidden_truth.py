@@ -1,5 +1,6 @@
-"""Followers command the same whatever is hidden from them: readings, messages and what they know of
-the start are recorded in one world and played back in another, whose truth is NaN.
+"""Commands of followers do not depend on anything that is hidden from them: readings, messages and
+what they know of the start are recorded in one world and played back in another, whose truth is
+NaN.
 """
 
 from collections.abc import Callable
@@ -38,28 +39,30 @@ HIDDEN: dict[str, Any] = {
 
 
 class Curious:
-    """Steers by every number that it can find in what it is given."""
+    """A controller that steers by every number of its settings, readings and estimates."""
 
     def __init__(self, follower: Any) -> None:
-        # what a hull is called says nothing of its errors, and its text would drown them
-        self.known = repr(follower.model_dump(exclude={"model"}))
-        self.heading = 1e-3 * (sum(map(ord, self.known)) % 1000)
+        # without the long text of the hull's model, which has no errors
+        self.settings_text = repr(follower.model_dump(exclude={"model"}))
+        self.heading = 1e-3 * (sum(map(ord, self.settings_text)) % 1000)
 
     def control(self, readings: Any, belief: Any, dt: float) -> Any:
-        numbers = [value for value in (*readings, *belief) if isinstance(value, float)]
+        inputs = [value for value in (*readings, *belief) if isinstance(value, float)]
         if readings.reception:
-            numbers += [*readings.reception.message, *readings.reception.ranges]
-        finite = [value for value in numbers if np.isfinite(value)]
+            inputs += [*readings.reception.message, *readings.reception.ranges]
+        finite = [value for value in inputs if np.isfinite(value)]
         return self.heading + 1e-3 * sum(finite), 1.0, 12.0
 
 
-def world(variant: str, hidden: bool, **formation: Any) -> Scenario:
-    """A leader whose compass is 20° off, and followers of each kind that steers by estimates."""
-    own_errors: dict[str, Any] = {}
-    hull: dict[str, Any] = {}
-    if hidden:
-        own_errors = {"speed_bias_m_s": 0.3, "heading_bias_deg": 12.0}
-        hull = {"drag_scale": 1.3, "thrust_scale": 0.8}
+def world(variant: str, hidden_errors: bool, **formation: Any) -> Scenario:
+    """A leader whose compass is 20° off, and followers of each kind that steers by estimates,
+    perhaps with the errors that are hidden from them.
+    """
+    sensor_errors: dict[str, Any] = {}
+    hull_errors: dict[str, Any] = {}
+    if hidden_errors:
+        sensor_errors = {"speed_bias_m_s": 0.3, "heading_bias_deg": 12.0}
+        hull_errors = {"drag_scale": 1.3, "thrust_scale": 0.8}
     followers: list[dict[str, Any]] = [
         {"name": "wing", "station": {"behind_m": 8.0, "port_m": 9.0, "depth_m": 11.0}},
         {"name": "astern", "station": {"behind_m": 9.0, "port_m": 0.0, "depth_m": 14.0}},
@@ -79,17 +82,19 @@ def world(variant: str, hidden: bool, **formation: Any) -> Scenario:
     table: dict[str, Any] = {
         "name": "world",
         "duration_s": DURATION,
-        "leader": {"waypoints": [[0, 0, 0], [6, 6, 0], [100, 6, 94]], **hull},
-        "followers": [{**follower, "sensors": own_errors, **hull} for follower in followers],
+        "leader": {"waypoints": [[0, 0, 0], [6, 6, 0], [100, 6, 94]], **hull_errors},
+        "followers": [
+            {**follower, "sensors": sensor_errors, **hull_errors} for follower in followers
+        ],
         "formation": {"proximity": {"range_m": 8.0}, **formation},
         "navigation": {"variant": variant, "rival": {"particles": 50}},
         "sensors": {"leader_heading_bias_deg": 20.0, "leader_heading_sigma_deg": 1.0},
     }
-    return validate(table | (HIDDEN if hidden else {}), "test")
+    return validate(table | (HIDDEN if hidden_errors else {}), "test")
 
 
 class Tape:
-    """What the sensors and the radio of followers gave, in the order in which it was asked for."""
+    """What the sensors and the modems of followers returned, in the order of the calls."""
 
     def __init__(self) -> None:
         self.values: list[Any] = []
@@ -100,8 +105,8 @@ class Tape:
         self.playing = True
 
     def pass_through(self, sense: Callable[[], Any], targets: tuple[Any, ...] = ()) -> Any:
-        """What `sense` returns and writes into the targets; of a tape that is played, what it
-        did.
+        """What `sense` returns and writes into the targets: called and recorded, or, while the
+        tape is playing, repeated from the recording.
         """
         if not self.playing:
             result = sense()
@@ -114,7 +119,7 @@ class Tape:
         return result
 
 
-class Sensing:
+class TapedObservation:
     """`sim.sensing.observation` as the closed loop calls it, on a tape."""
 
     def __init__(self, tape: Tape) -> None:
@@ -144,8 +149,8 @@ class Sensing:
         return self._tape.pass_through(lambda: observation.start_of(*arguments))
 
 
-class Nearby:
-    """`sim.sensing.proximity`, likewise."""
+class TapedProximity:
+    """`sim.sensing.proximity` as the closed loop calls it, on a tape."""
 
     def __init__(self, tape: Tape) -> None:
         self._tape = tape
@@ -153,14 +158,14 @@ class Nearby:
     def __getattr__(self, name: str) -> Any:
         return getattr(proximity, name)
 
-    def look(self, *arguments: Any) -> None:
-        seen = arguments[-1]
-        targets = (seen.range, seen.bearing)
+    def sense_neighbours(self, *arguments: Any) -> None:
+        sightings = arguments[-1]
+        targets = (sightings.range, sightings.bearing)
         self._tape.pass_through(lambda: proximity.sense_neighbours(*arguments), targets)
 
 
 class Recording:
-    """A closed loop whose commands of followers are noted, perhaps with a truth of NaN."""
+    """A closed loop whose commands of followers are recorded; if blind, its truth is NaN."""
 
     def __init__(self, loop: Any, routes: RouteControl, blind: bool) -> None:
         self.loop = loop
@@ -169,10 +174,10 @@ class Recording:
         self.commands: list[Floats] = []
 
     def control(self, k: int, truth: StateHistory) -> int:
-        shown = truth
+        visible_truth = truth
         if self.blind:
-            shown = StateHistory(*(np.full_like(array, np.nan) for array in truth))
-        failed = self.loop.control(k, shown)
+            visible_truth = StateHistory(*(np.full_like(array, np.nan) for array in truth))
+        failed = self.loop.control(k, visible_truth)
         self.commands.append(self.routes.command[1:].copy())
         # the leader is steered by its own truth
         self.routes.command[np.isnan(self.routes.command)] = 0.0
@@ -221,12 +226,12 @@ def test_commands_do_not_depend_on_what_is_hidden(
     monkeypatch.setattr(
         closed_loop, "sense", getattr(closed_loop.sense, "py_func", closed_loop.sense)
     )
-    monkeypatch.setattr(closed_loop, "observation", Sensing(tape))
-    monkeypatch.setattr(closed_loop, "proximity", Nearby(tape))
+    monkeypatch.setattr(closed_loop, "observation", TapedObservation(tape))
+    monkeypatch.setattr(closed_loop, "proximity", TapedProximity(tape))
     monkeypatch.setattr(PythonClosedLoop, "_read_custom", taped_readings)
-    expected = commands(world(variant, hidden=False, law=law), blind=False)
+    expected = commands(world(variant, hidden_errors=False, law=law), blind=False)
     tape.rewind()
-    actual = commands(world(variant, hidden=True, law=law), blind=True)
+    actual = commands(world(variant, hidden_errors=True, law=law), blind=True)
     assert expected.shape[0] == round(DURATION / 0.1) + 1
     # they do turn and hold their depth
     assert (np.ptp(expected, axis=0).max(axis=1) > 0.1).all()
@@ -238,16 +243,16 @@ def test_the_start_of_the_trail_is_what_the_leader_broadcasts(
 ) -> None:
     """It goes east, its compass is 20° off to starboard, its log 0.3 m/s."""
     states: list[ClosedLoopState] = []
-    made = closed_loop.init_closed_loop
+    original_init = closed_loop.init_closed_loop
 
     def init(*arguments: Any, **keywords: Any) -> ClosedLoopState:
-        states.append(made(*arguments, **keywords))
+        states.append(original_init(*arguments, **keywords))
         return states[0]
 
     monkeypatch.setattr(closed_loop, "init_closed_loop", init)
-    changed = {"leader_heading_bias_deg": 20.0, "leader_speed_bias_m_s": 0.3}
-    scenario = world("tight", hidden=False)
-    sensors = scenario.sensors.model_copy(update={**changed, "leader_heading_sigma_deg": 0.0})
+    leader_errors = {"leader_heading_bias_deg": 20.0, "leader_speed_bias_m_s": 0.3}
+    scenario = world("tight", hidden_errors=False)
+    sensors = scenario.sensors.model_copy(update={**leader_errors, "leader_heading_sigma_deg": 0.0})
 
     class StopError(Exception):
         """Ends the flight at its start."""
@@ -266,8 +271,10 @@ def test_the_start_of_the_trail_is_what_the_leader_broadcasts(
 
 def test_a_controller_is_handed_no_error_of_its_sensors_or_hull() -> None:
     """Two worlds that differ in these alone."""
-    handed = [
+    handed_settings = [
         follower.without_hidden_errors.model_dump()
-        for follower in (world("tight", hidden).followers[3] for hidden in (False, True))
+        for follower in (
+            world("tight", hidden_errors).followers[3] for hidden_errors in (False, True)
+        )
     ]
-    assert handed[0] == handed[1]
+    assert handed_settings[0] == handed_settings[1]
