@@ -1,4 +1,4 @@
-"""What tests of the film share: settings of small films, and a canvas that keeps what is drawn."""
+"""Shared by tests of the film: settings of small films, and a canvas that records what is drawn."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from sim.scenario.settings import Video
 WHITE: Colour = (1.0, 1.0, 1.0)
 
 
-class Notebook(Canvas):
+class RecordingCanvas(Canvas):
     """A canvas that records its draw calls."""
 
     def __init__(self, width: int = 1280, height: int = 720) -> None:
@@ -22,8 +22,9 @@ class Notebook(Canvas):
         self.polygons: list[Floats] = []
         self.words: list[str] = []
         self.boxes: list[Area] = []
-        """What the words take."""
+        """Areas of the words."""
         self.sizes: list[float] = []
+        """Of their fonts [px]."""
 
     def strokes(self, strokes: Sequence[Stroke], box: Area | None = None) -> None:
         self.lines += [np.array(stroke.points) for stroke in strokes]
@@ -47,21 +48,25 @@ class Notebook(Canvas):
 
 
 def overlap(a: Area, b: Area) -> bool:
+    """Whether two areas (left, top, width, height) have a point in common."""
     return not (
         a[0] + a[2] <= b[0] or b[0] + b[2] <= a[0] or a[1] + a[3] <= b[1] or b[1] + b[3] <= a[1]
     )
 
 
-def small(**changes):
+def small_video(**changes):
+    """Settings of a film that renders quickly."""
     return Video(**({"width_px": 320, "height_px": 180, "speed_up": 20.0} | changes))
 
 
-def apart(flight, metres):
+def with_estimate_moved_east(flight, metres):
     """A flight whose estimate is moved east by a number of metres."""
     estimates = tuple(
         dataclasses.replace(
-            e, state=e.state + np.array([metres, 0, 0, 0]), covariance=e.covariance.copy()
+            estimate,
+            state=estimate.state + np.array([metres, 0, 0, 0]),
+            covariance=estimate.covariance.copy(),
         )
-        for e in flight.estimates
+        for estimate in flight.estimates
     )
     return dataclasses.replace(flight, estimates=estimates)

@@ -7,58 +7,60 @@ from laisn.arrays import Bytes
 from sim.film import antialiasing
 
 
-def halves(slope: float, across: bool, samples: int) -> Bytes:
-    """A slanted edge between dark and bright water, each pixel the mean of samples²."""
-    n = 96
-    fine = (np.arange(n * samples) + 0.5) / samples
-    x, y = np.meshgrid(fine, fine)
-    u, v = (y, x) if across else (x, y)
-    bright = v > 40.3 + slope * u
-    share = bright.reshape(n, samples, n, samples).mean(axis=(1, 3))
-    picture = np.array([20, 60, 80]) + share[..., None] * np.array([180, 120, 20])
+def slanted_edge(slope: float, steep: bool, samples: int) -> Bytes:
+    """A slanted edge between dark and bright water, nearly level or nearly upright; each pixel of
+    96 × 96 is the mean of samples².
+    """
+    size = 96
+    samples_px = (np.arange(size * samples) + 0.5) / samples
+    x, y = np.meshgrid(samples_px, samples_px)
+    run, rise = (y, x) if steep else (x, y)
+    bright = rise > 40.3 + slope * run
+    bright_fraction = bright.reshape(size, samples, size, samples).mean(axis=(1, 3))
+    picture = np.array([20, 60, 80]) + bright_fraction[..., None] * np.array([180, 120, 20])
     return np.round(picture).astype(np.uint8)
 
 
 @pytest.mark.parametrize("slope", [0.08, 0.15, 0.3, -0.22])
-@pytest.mark.parametrize("across", [False, True])
-def test_smoothing_brings_an_edge_nearer_to_one_of_many_samples(slope: float, across: bool) -> None:
-    hard, true = halves(slope, across, 1), halves(slope, across, 16)
-    smooth = hard.copy()
-    antialiasing.smooth(hard, smooth, np.array([[0, 0, 96, 96]]))
+@pytest.mark.parametrize("steep", [False, True])
+def test_smoothing_brings_an_edge_nearer_to_one_of_many_samples(slope: float, steep: bool) -> None:
+    aliased, reference = slanted_edge(slope, steep, 1), slanted_edge(slope, steep, 16)
+    smoothed = aliased.copy()
+    antialiasing.smooth(aliased, smoothed, np.array([[0, 0, 96, 96]]))
     inner = np.s_[4:-4, 4:-4]
 
     def error(picture: Bytes) -> float:
-        return float(np.sqrt(np.mean((picture[inner].astype(float) - true[inner]) ** 2)))
+        return float(np.sqrt(np.mean((picture[inner].astype(float) - reference[inner]) ** 2)))
 
-    assert error(smooth) < 0.6 * error(hard)
+    assert error(smoothed) < 0.6 * error(aliased)
 
 
 def test_smoothing_leaves_faint_texture_and_what_lies_outside_alone() -> None:
     rng = np.random.default_rng(3)
     sand = (120 + rng.integers(0, 15, size=(60, 80, 1)) + np.zeros(3)).astype(np.uint8)
-    out = sand.copy()
-    antialiasing.smooth(sand, out, np.array([[0, 0, 80, 60]]))
-    np.testing.assert_array_equal(out, sand)
-    edge = halves(0.15, False, 1)
-    part = edge.copy()
-    antialiasing.smooth(edge, part, np.array([[30, -20, 25, 200]]))
-    changed = np.argwhere((part != edge).any(axis=2))
+    smoothed_sand = sand.copy()
+    antialiasing.smooth(sand, smoothed_sand, np.array([[0, 0, 80, 60]]))
+    np.testing.assert_array_equal(smoothed_sand, sand)
+    edge = slanted_edge(0.15, False, 1)
+    smoothed_edge = edge.copy()
+    antialiasing.smooth(edge, smoothed_edge, np.array([[30, -20, 25, 200]]))
+    changed = np.argwhere((smoothed_edge != edge).any(axis=2))
     assert len(changed) > 10
     assert changed[:, 1].min() >= 30
     assert changed[:, 1].max() < 55
 
 
-def test_smoothing_of_areas_that_overlap_is_that_of_each_of_their_pixels_once() -> None:
-    """Areas, in any order, beyond the edges of the picture too, change what one about all of them
-    changes there.
+def test_pixels_of_overlapping_areas_are_smoothed_once() -> None:
+    """Areas in any order, some beyond the edges of the picture, change within them what smoothing
+    of the whole picture changes there.
     """
-    edge = halves(0.15, False, 1)
+    edge = slanted_edge(0.15, False, 1)
     areas = np.array([[50, 30, 30, 40], [-5, 38, 60, 20], [60, 45, 90, 9], [10, 97, 5, 5]])
-    whole, parts = edge.copy(), edge.copy()
-    antialiasing.smooth(edge, whole, np.array([[0, 0, 96, 96]]))
-    antialiasing.smooth(edge, parts, areas)
+    smoothed_whole, smoothed_areas = edge.copy(), edge.copy()
+    antialiasing.smooth(edge, smoothed_whole, np.array([[0, 0, 96, 96]]))
+    antialiasing.smooth(edge, smoothed_areas, areas)
     inside = np.zeros((96, 96), bool)
     for left, top, width, height in areas:
         inside[max(top, 0) : top + height, max(left, 0) : left + width] = True
-    assert (whole != edge)[inside].any()
-    np.testing.assert_array_equal(parts, np.where(inside[..., None], whole, edge))
+    assert (smoothed_whole != edge)[inside].any()
+    np.testing.assert_array_equal(smoothed_areas, np.where(inside[..., None], smoothed_whole, edge))

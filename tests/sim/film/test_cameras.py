@@ -27,46 +27,54 @@ def test_a_ball_is_seen_as_soon_as_a_point_of_it_is():
     """
     rng = np.random.default_rng(6)
     view = View(position=np.array([1.0, 2.0, -3.0]), target=np.array([4.0, 1.0, -5.0]))
-    middles = view.position + rng.normal(0.0, 8.0, size=(400, 3))
-    reach = rng.uniform(0.1, 3.0, size=400)
+    centres = view.position + rng.normal(0.0, 8.0, size=(400, 3))
+    radii = rng.uniform(0.1, 3.0, size=400)
     directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    seen = view.sees(middles, reach, 320 / 180)
-    for middle, radius, is_seen in zip(middles, reach, seen, strict=True):
-        pixels, ahead = view.project(middle + radius * directions, 320, 180)
+    seen = view.sees(centres, radii, 320 / 180)
+    for centre, radius, is_seen in zip(centres, radii, seen, strict=True):
+        pixels, ahead = view.project(centre + radius * directions, 320, 180)
         inside = (ahead > 0) & (pixels >= 0).all(axis=1) & (pixels < (320, 180)).all(axis=1)
         assert is_seen or not inside.any()
     right, _, forward = view.axes
-    far = view.position + np.array([10 * forward + 20 * right, 10 * forward - 20 * right, -forward])
-    assert not view.sees(far, np.full(3, 0.5), 320 / 180).any()
-    assert view.sees(far, np.array([0.5, 0.5, np.inf]), 320 / 180).tolist() == [False, False, True]
+    outside = view.position + np.array(
+        [10 * forward + 20 * right, 10 * forward - 20 * right, -forward]
+    )
+    assert not view.sees(outside, np.full(3, 0.5), 320 / 180).any()
+    assert view.sees(outside, np.array([0.5, 0.5, np.inf]), 320 / 180).tolist() == [
+        False,
+        False,
+        True,
+    ]
 
 
 def test_a_line_is_cut_at_the_lens():
     view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
-    ((pixels, place),) = view.line(np.array([[-5.0, 1.0, 0.0], [5.0, 1.0, 0.0]]), 200, 200)
-    assert place.min() > 0.5
-    np.testing.assert_allclose(place[-1], 1.0)
+    ((pixels, fraction),) = view.line(np.array([[-5.0, 1.0, 0.0], [5.0, 1.0, 0.0]]), 200, 200)
+    assert fraction.min() > 0.5
+    np.testing.assert_allclose(fraction[-1], 1.0)
     # at the far end: 1 m to the left at 5 m
     np.testing.assert_allclose(pixels[-1], [100 - 100 / 5, 100])
     assert view.line(np.array([[-5.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]), 200, 200) == []
 
 
-def test_lines_together_are_those_alone():
-    """Before the camera, behind it, of unknown points, and through the lens and back."""
+def test_several_lines_are_projected_as_each_alone():
+    """In front of the camera, behind it, of NaN, and from the front to behind and back."""
     view = View(position=np.zeros(3), target=np.array([1.0, 0, 0]), fovy_deg=90.0)
-    before = [[2.0, 1.0, 0.0], [3.0, 1.0, 0.5], [5.0, 1.0, 0.0], [6.0, 2.0, 0.0]]
-    behind = np.array(before) * [-1.0, 1.0, 1.0]
-    through = [[2.0, 1.0, 0.0], [-3.0, 1.0, 0.5], [-5.0, 1.0, 0.0], [1.0, 2.0, 0.0]]
-    lines = np.array([before, behind, np.full((4, 3), np.nan), through])
+    in_front = [[2.0, 1.0, 0.0], [3.0, 1.0, 0.5], [5.0, 1.0, 0.0], [6.0, 2.0, 0.0]]
+    behind = np.array(in_front) * [-1.0, 1.0, 1.0]
+    crossing = [[2.0, 1.0, 0.0], [-3.0, 1.0, 0.5], [-5.0, 1.0, 0.0], [1.0, 2.0, 0.0]]
+    lines = np.array([in_front, behind, np.full((4, 3), np.nan), crossing])
     stretches = list(view.lines(lines, 200, 200))
     assert [number for number, *_ in stretches] == [0, 3, 3]
-    alone = [*view.line(lines[0], 200, 200), *view.line(lines[3], 200, 200)]
-    for (_, pixels, place), (lone_pixels, lone_place) in zip(stretches, alone, strict=True):
-        np.testing.assert_allclose(pixels, lone_pixels)
-        np.testing.assert_allclose(place, lone_place)
-    # the second goes out of sight after 1.85 of 5 m, the last but one comes in sight 5.15 of 6 m
-    # along its third part
+    line_by_line = [*view.line(lines[0], 200, 200), *view.line(lines[3], 200, 200)]
+    for (_, pixels, fraction), (expected_pixels, expected_fraction) in zip(
+        stretches, line_by_line, strict=True
+    ):
+        np.testing.assert_allclose(pixels, expected_pixels)
+        np.testing.assert_allclose(fraction, expected_fraction)
+    # the lens cuts lines 0.15 m in front of the camera: the last line leaves after 1.85 of the 5 m
+    # of its first segment, and comes back 5.15 of 6 m along its third
     np.testing.assert_allclose(stretches[1][2], [0.0, 1.85 / 5 / 3])
     np.testing.assert_allclose(stretches[2][2], [(2 + 5.15 / 6) / 3, 1.0])
 
@@ -115,16 +123,19 @@ def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
         assert np.rad2deg(np.arctan2(up, across)) > abs(pitch_deg) / 2
 
 
-@pytest.mark.parametrize("aside", [-6.0, -3.0, 0.0, 3.0, 6.0])
-def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, aside):
-    """Seen towards the leader, the estimate lies to the right of the follower, or to the left."""
-    away = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
-    right = np.column_stack([away[:, 1], -away[:, 0]]) / np.hypot(away[:, 0], away[:, 1])[:, None]
+@pytest.mark.parametrize("offset_m", [-6.0, -3.0, 0.0, 3.0, 6.0])
+def test_the_chasing_camera_keeps_the_estimate_clear_of_the_panels(flight, offset_m):
+    """Seen towards the leader, the estimate lies `offset_m` to the right of the follower."""
+    to_leader = flight.trajectory.position[flight.step_index(), 0] - flight.hydrophone(0)
+    right = (
+        np.column_stack([to_leader[:, 1], -to_leader[:, 0]])
+        / np.hypot(to_leader[:, 0], to_leader[:, 1])[:, None]
+    )
     (actual,) = flight.estimates
     state = actual.state.copy()
-    state[:, :2] = flight.hydrophone(0)[:, :2] + aside * right
-    parted = dataclasses.replace(flight, estimates=(dataclasses.replace(actual, state=state),))
-    data = FilmData(parted, 20.0)
+    state[:, :2] = flight.hydrophone(0)[:, :2] + offset_m * right
+    displaced = dataclasses.replace(flight, estimates=(dataclasses.replace(actual, state=state),))
+    data = FilmData(displaced, 20.0)
     rig = CameraRig(data, 16 / 9)
     for t in np.linspace(5.0, 55.0, 11):
         state = data.at(t)

@@ -26,7 +26,7 @@ def test_a_moment_interpolates_truth_and_estimate(flight):
     assert np.isnan(data.at(0.0).position_error[0])
 
 
-def test_rays_are_one_at_the_ping_fade_and_are_absent_without_reception(flight):
+def test_rays_have_full_strength_at_the_ping_then_fade_and_are_absent_without_reception(flight):
     data = FilmData(flight, 1.0)
     np.testing.assert_allclose(data.at(5.0).ray[0], 1.0)
     fading = [data.at(5.0 + dt).ray[0, 0] for dt in (0.0, 0.3, 0.6, 0.9)]
@@ -34,10 +34,10 @@ def test_rays_are_one_at_the_ping_fade_and_are_absent_without_reception(flight):
     assert fading[-1] < 0.2
     assert (data.at(0.5).ray == 0).all()
     # the 13th message lacks the front range
-    lost = data.at(13.0)
-    assert np.isnan(lost.ranges[0, 1])
-    assert lost.ray[0, 1] == 0
-    assert lost.ray[0, 0] == pytest.approx(1.0)
+    without_front_range = data.at(13.0)
+    assert np.isnan(without_front_range.ranges[0, 1])
+    assert without_front_range.ray[0, 1] == 0
+    assert without_front_range.ray[0, 0] == pytest.approx(1.0)
 
 
 def test_rays_of_frequent_pings_do_not_flicker(flight):

@@ -13,18 +13,18 @@ from tools import import_graph
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def test_probe_examines_every_backend_and_gives_reasons():
+def test_probe_examines_every_backend_and_gives_details():
     actual = graphics.probe()
     assert tuple(b.name for b in actual) == graphics.BACKENDS
     assert all(b.detail for b in actual)
 
 
 def test_working_is_the_first_that_renders():
-    able = [b for b in graphics.probe() if b.works]
-    assert graphics.working() == (able[0] if able else None)
+    rendering = [b for b in graphics.probe() if b.works]
+    assert graphics.working() == (rendering[0] if rendering else None)
 
 
-def test_this_process_keeps_its_environment():
+def test_probing_leaves_the_environment_of_this_process_alone():
     before = dict(os.environ)
     graphics.child("pass", "egl")
     graphics.probe()
@@ -38,7 +38,7 @@ def test_a_backend_that_does_not_exist_is_reported_not_raised():
 
 
 def test_a_library_that_is_not_installed_is_called_so(monkeypatch):
-    """PyOpenGL's own message does not explain it to a newcomer."""
+    """PyOpenGL's own message, for which a call of None stands here, does not explain it."""
     program = (sys.executable, "-c", "None.glGetError()")
     monkeypatch.setattr(graphics, "child", lambda *_: (program, dict(os.environ)))
     assert graphics._examine("osmesa") == graphics.Backend(
@@ -51,7 +51,7 @@ def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path)
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text("raise RuntimeError('the wrong module')")
     command, environment = graphics.child("import json, sim.film.graphics; print('fine')", "egl")
-    answer = subprocess.run(
+    child = subprocess.run(
         command,
         env=environment,
         cwd=tmp_path,
@@ -60,10 +60,10 @@ def test_a_child_imports_the_packages_modules_in_any_working_directory(tmp_path)
         check=True,
         timeout=60,
     )
-    assert answer.stdout.strip() == "fine"
+    assert child.stdout.strip() == "fine"
 
 
-BLOCKED = """
+IMPORT_ALL_WITHOUT_GRAPHICS = """
 import pkgutil, sys
 from importlib import import_module
 
@@ -86,7 +86,7 @@ def test_no_module_loads_a_graphics_library_when_it_is_imported():
     of its own.
     """
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
-    command = [sys.executable, "-c", BLOCKED, *import_graph.PACKAGES]
+    command = [sys.executable, "-c", IMPORT_ALL_WITHOUT_GRAPHICS, *import_graph.PACKAGES]
     child = subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
     )
@@ -96,5 +96,5 @@ def test_no_module_loads_a_graphics_library_when_it_is_imported():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the message names Debian's packages")
-def test_the_remedy_names_packages():
+def test_the_advice_names_packages_to_install():
     assert "apt-get install" in graphics.INSTALL

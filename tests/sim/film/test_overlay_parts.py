@@ -22,38 +22,38 @@ from sim.film.film_data import FilmData
 from sim.film.overlay import Overlay
 from sim.scenario.settings import Video
 from tests import synthetic
-from tests.sim.film.filmed import WHITE, Notebook, overlap
+from tests.sim.film.filmed import WHITE, RecordingCanvas, overlap
 from tests.synthetic import make_flight
 
 # text
 
 
 @pytest.mark.parametrize("anchor", ["la", "ra", "mm", "ms", "lm"])
-def test_text_is_pillows(anchor: str) -> None:
-    """On whole pixels the mask that is kept for later gives the picture that Pillow draws at
-    once.
+def test_text_is_drawn_as_pillow_draws_it(anchor: str) -> None:
+    """On whole pixels, drawing by a stored mask of the text gives the picture that Pillow draws
+    directly.
     """
     ours = Canvas(320, 180)
     ours.pixels[:] = (10, 40, 60, 255)
     expected = Image.fromarray(ours.pixels.copy(), "RGBA")
-    place, size = (140.0, 90.0), 40
+    position, size = (140.0, 90.0), 40
     font = canvas.font(round(size * ours.text_scale), False)
     ImageDraw.Draw(expected).text(
-        place, "E 0.27 m, gjÅ", fill=(255, 128, 64, 255), font=font, anchor=anchor
+        position, "E 0.27 m, gjÅ", fill=(255, 128, 64, 255), font=font, anchor=anchor
     )
-    ours.text(place, "E 0.27 m, gjÅ", (1.0, 128 / 255, 64 / 255), size, anchor)
+    ours.text(position, "E 0.27 m, gjÅ", (1.0, 128 / 255, 64 / 255), size, anchor)
     np.testing.assert_allclose(ours.pixels.astype(int), np.asarray(expected).astype(int), atol=1)
 
 
 def test_text_is_cut_at_the_edge_of_the_frame() -> None:
-    """What is left of text beyond an edge is what Pillow leaves of it."""
+    """Of text that crosses an edge the same pixels are drawn as by Pillow."""
     ours = Canvas(60, 40)
     ours.pixels[:] = (10, 40, 60, 255)
     expected = Image.fromarray(ours.pixels.copy(), "RGBA")
-    for at in ((-9.0, 30.0), (50.0, -4.0), (200.0, 10.0)):
+    for position in ((-9.0, 30.0), (50.0, -4.0), (200.0, 10.0)):
         font = canvas.font(round(20 * ours.text_scale), False)
-        ImageDraw.Draw(expected).text(at, "8.8 m", fill=(255, 255, 255, 255), font=font)
-        ours.text(at, "8.8 m", WHITE, 20)
+        ImageDraw.Draw(expected).text(position, "8.8 m", fill=(255, 255, 255, 255), font=font)
+        ours.text(position, "8.8 m", WHITE, 20)
     np.testing.assert_allclose(ours.pixels.astype(int), np.asarray(expected).astype(int), atol=1)
     assert (ours.pixels == 255).all(axis=2).sum() > 5
 
@@ -94,7 +94,7 @@ def test_an_image_lies_upright_and_lets_the_frame_shine_through() -> None:
 
 
 def test_an_image_lies_over_the_frame_as_agg_blends_it() -> None:
-    """Of random colours and opacities, to a level of 255."""
+    """Of random colours and opacities, to one of 255 levels."""
     rng = np.random.default_rng(5)
     ours = Canvas(64, 36)
     ours.pixels[:] = rng.integers(0, 256, size=ours.pixels.shape)
@@ -138,28 +138,28 @@ def test_colours_are_converted_to_bt709() -> None:
         r, g, b = np.array(colour) / 255
         y = 0.2126 * r + 0.7152 * g + 0.0722 * b
         assert luma[16:48, 32 * i + 12 : 32 * i + 20].mean() == pytest.approx(16 + 219 * y, abs=1.5)
-        part = np.s_[8:24, 16 * i + 6 : 16 * i + 10]
-        assert blue[part].mean() == pytest.approx(128 + 224 * (b - y) / 1.8556, abs=2)
-        assert red[part].mean() == pytest.approx(128 + 224 * (r - y) / 1.5748, abs=2)
+        patch = np.s_[8:24, 16 * i + 6 : 16 * i + 10]
+        assert blue[patch].mean() == pytest.approx(128 + 224 * (b - y) / 1.8556, abs=2)
+        assert red[patch].mean() == pytest.approx(128 + 224 * (r - y) / 1.5748, abs=2)
 
 
 # panels
 
 
 def static_text(board: Dashboard) -> list[Text]:
-    """Text that is drawn: ticks beyond the ends of an axis are not."""
-    actual = list(board.figure.texts)
+    """Text of a dashboard that is drawn once; ticks beyond the ends of an axis are not drawn."""
+    texts = list(board.figure.texts)
     for axes in board.figure.axes:
         for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
             ticks = zip(axis.get_ticklocs(), axis.get_ticklabels(), strict=False)
-            actual += [
+            texts += [
                 label for tick, label in ticks if axes.axison and limits[0] <= tick <= limits[1]
             ]
-    return actual
+    return texts
 
 
 def static_boxes(board: Dashboard, height: int) -> dict[str, Area]:
-    """Static text of a dashboard and what it takes, from the top left."""
+    """Areas of the static text of a dashboard, whose picture is so high [px], from the top left."""
     boxes = {}
     for i, text in enumerate(static_text(board)):
         box = text.get_window_extent()
@@ -180,20 +180,20 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(
     data = FilmData(flight, 20.0)
     data.position_error[:], data.bearing_error[:] = 123.456, 3.0
     board, state = Dashboard(data, Canvas(*size)), data.at(60.0)
-    still = static_boxes(board, size[1])
+    static_areas = static_boxes(board, size[1])
     for kind in FixKind:
-        notes = Notebook(*size)
-        board.draw(notes, dataclasses.replace(state, fix_kind=(kind,)), [])
-        assert ("middle" in notes.words) == (variant == "laisn-3-2" and size[1] >= 576)
-        assert len(notes.words) >= 5
-        assert min(notes.sizes) >= 8
-        boxes = still | {
-            f"number {i}, {words}": box
-            for i, (words, box) in enumerate(zip(notes.words, notes.boxes, strict=True))
+        drawn = RecordingCanvas(*size)
+        board.draw(drawn, dataclasses.replace(state, fix_kind=(kind,)), [])
+        assert ("middle" in drawn.words) == (variant == "laisn-3-2" and size[1] >= 576)
+        assert len(drawn.words) >= 5
+        assert min(drawn.sizes) >= 8
+        areas = static_areas | {
+            f"number {i}, {words}": area
+            for i, (words, area) in enumerate(zip(drawn.words, drawn.boxes, strict=True))
         }
-        names = list(boxes)
+        names = list(areas)
         for i, name in enumerate(names):
-            left, top, width, height = boxes[name]
+            left, top, width, height = areas[name]
             assert any(
                 x - 1 <= left
                 and left + width <= x + w + 1
@@ -201,10 +201,10 @@ def test_text_of_panels_can_be_read_and_keeps_clear_of_other_text(
                 and top + height <= y + h + 1
                 for x, y, w, h in board.places
             ), name
-            # extents of static text hold room below its baseline
-            shrunk = (left + 1, top + 2, width - 2, height - 5)
-            assert not [other for other in names[:i] if overlap(shrunk, boxes[other])], name
-        assert not [words for words in boxes if "_" in words]
+            # areas of static text contain blank space below its baseline
+            tight_area = (left + 1, top + 2, width - 2, height - 5)
+            assert not [other for other in names[:i] if overlap(tight_area, areas[other])], name
+        assert not [words for words in areas if "_" in words]
     assert min(text.get_fontsize() for text in static_text(board)) >= 8
     left, top, width, height = zip(*board.places, strict=True)
     assert min(left) > 0
@@ -233,12 +233,12 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     cursor moves along it.
     """
     flight = make_flight(60.0)
-    values = np.zeros(600)
-    values[199:202], values[399:402], values[500:] = 7.0, 7.0, 2.0
+    position_error = np.zeros(600)
+    position_error[199:202], position_error[399:402], position_error[500:] = 7.0, 7.0, 2.0
     data = FilmData(flight, 20.0)
-    data.position_error[:], data.bearing_error[:] = values, 0.0
+    data.position_error[:], data.bearing_error[:] = position_error, 0.0
     board = Dashboard(data, Canvas(1280, 720))
-    ours, state = Notebook(), data.at(30.1)
+    ours, state = RecordingCanvas(), data.at(30.1)
     ours.pixels[:] = (0, 0, 0, 255)
     board.draw(ours, state, [])
     cursor = ours.lines[0]
@@ -251,7 +251,9 @@ def test_a_curve_shows_the_whole_mission_and_its_cursor_the_present() -> None:
     pulses = [axes.transData.transform((20.1 + 20 * n, 3.5))[0] for n in (0, 1)]
     assert cursor[0, 0] - pulses[0] == pytest.approx(pulses[1] - cursor[0, 0], abs=0.6)
     row = round(720 - axes.transData.transform((0.0, 3.5))[1])
-    assert all(ours.pixels[row, round(at) - 2 : round(at) + 3, 0].max() > 200 for at in pulses)
+    assert all(
+        ours.pixels[row, round(pulse) - 2 : round(pulse) + 3, 0].max() > 200 for pulse in pulses
+    )
     assert y < row < y + height
     assert x < pulses[0] < pulses[1] < x + width
 
@@ -260,24 +262,24 @@ def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
     """Vehicles a few metres apart on a mission of a kilometre: the map follows them, north up."""
     flight = make_flight(60.0, 3)
     truth = flight.trajectory
-    far = truth.position + np.linspace(0.0, 1000.0, truth.time.size)[:, None, None] * [
+    spread_out = truth.position + np.linspace(0.0, 1000.0, truth.time.size)[:, None, None] * [
         1.0,
         0.0,
         0.0,
     ]
-    flight = dataclasses.replace(flight, trajectory=synthetic.moved(truth, position=far))
+    flight = dataclasses.replace(flight, trajectory=synthetic.moved(truth, position=spread_out))
     data = FilmData(flight, 20.0)
-    board, notes, state = Dashboard(data, Canvas(1280, 720)), Notebook(), data.at(30.0)
-    board.draw(notes, state, [])
+    board, drawn, state = Dashboard(data, Canvas(1280, 720)), RecordingCanvas(), data.at(30.0)
+    board.draw(drawn, state, [])
     left, top, width, height = board.places[3]
     # the last polygons are the vehicles
-    dots = np.array([polygon.mean(axis=0) for polygon in notes.polygons[-4:]])
+    dots = np.array([polygon.mean(axis=0) for polygon in drawn.polygons[-4:]])
     assert ((dots > [left, top]) & (dots < [left + width, top + height])).all()
-    apart = np.linalg.norm(dots[:, None] - dots[None], axis=2)[np.triu_indices(4, 1)]
-    assert apart.min() > 12
-    metres = state.position[1:, :2] - state.position[0, :2]
-    scale = np.linalg.norm(metres, axis=1) / np.linalg.norm(dots[1:] - dots[0], axis=1)
-    np.testing.assert_allclose(dots[1:] - dots[0], metres / scale[0] * [1, -1], atol=0.1)
+    pixel_distances = np.linalg.norm(dots[:, None] - dots[None], axis=2)[np.triu_indices(4, 1)]
+    assert pixel_distances.min() > 12
+    offsets_m = state.position[1:, :2] - state.position[0, :2]
+    scale = np.linalg.norm(offsets_m, axis=1) / np.linalg.norm(dots[1:] - dots[0], axis=1)
+    np.testing.assert_allclose(dots[1:] - dots[0], offsets_m / scale[0] * [1, -1], atol=0.1)
 
 
 # scale bars
@@ -287,15 +289,15 @@ def test_vehicles_of_a_fleet_are_distinct_on_the_map() -> None:
 def test_a_scale_bar_has_the_projected_length_of_its_metres(distance: float) -> None:
     flight = make_flight(5.0)
     overlay = Overlay(FilmData(flight, 20.0), Video())
-    notes = overlay.canvas = Notebook()
+    drawn = overlay.canvas = RecordingCanvas()
     view = View(position=np.zeros(3), target=np.array([0.0, distance, 0.0]), plane_m=distance)
     overlay._scale_bar(view, (0, 0, 1280, 720), (20.0, 600.0), 120 / 1280)
-    length = float(notes.words[0].split()[0])
+    length = float(drawn.words[0].split()[0])
     assert length == round_length(length)
     ends, _ = view.project(np.array([[0.0, distance, 0.0], [length, distance, 0.0]]), 1280, 720)
-    drawn = np.ptp(notes.lines[0][:, 0])
-    assert drawn == pytest.approx(ends[1, 0] - ends[0, 0], rel=1e-6)
-    assert 120.0 / 2.5 - 1e-6 <= drawn <= 120.0 + 1e-6
+    bar_px = np.ptp(drawn.lines[0][:, 0])
+    assert bar_px == pytest.approx(ends[1, 0] - ends[0, 0], rel=1e-6)
+    assert 120.0 / 2.5 - 1e-6 <= bar_px <= 120.0 + 1e-6
 
 
 @pytest.mark.parametrize(

@@ -47,11 +47,11 @@ def test_a_station_straight_behind_is_where_the_leader_was() -> None:
 def test_the_distance_from_a_station_is_that_of_the_hydrophone() -> None:
     flight = in_formation()
     data = film_data_of(flight)
-    off = data.station_error(1)
-    assert off is not None
+    station_error = data.station_error(1)
+    assert station_error is not None
     # step k = 400 is at 40 s
     expected = np.hypot(*(flight.hydrophone(1)[399] - data.at(40.0).station[1])[:2])
-    assert off[399] == pytest.approx(expected, abs=1e-9)
+    assert station_error[399] == pytest.approx(expected, abs=1e-9)
     assert data.station_error(0) is None
 
 
@@ -77,25 +77,25 @@ def test_the_overlay_draws_rings_and_prints_the_distance() -> None:
     (centre,), _ = shot.view.project(station, 1280, 720)
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
     ring = centre + 9.0 * np.column_stack([np.cos(angle), np.sin(angle)])
-    lit = 0
+    lit_points = 0
     for x, y in np.round(ring).astype(int):
         # a line lies between pixels
         red, _, blue = np.moveaxis(
             overlay.canvas.pixels[y - 1 : y + 2, x - 1 : x + 2, :3] / 255, 2, 0
         )
-        lit += bool(((blue > 0.5) & (blue > 1.5 * red)).any())
-    # trails and labels cover a few places of it
-    assert lit > 24
-    off = float(np.hypot(*(station - state.hydrophone[1])[:2]))
+        lit_points += bool(((blue > 0.5) & (blue > 1.5 * red)).any())
+    # trails and labels cover a few of the 32 points
+    assert lit_points > 24
+    station_error = float(np.hypot(*(station - state.hydrophone[1])[:2]))
     words = [label.words for label in overlay._labels(state, shot.view)]
-    assert f"station, off by {off:.1f} m" in words
+    assert f"station, off by {station_error:.1f} m" in words
     # lanes of followers are 9 m apart, each a metre deeper, and the leader is farther off: √82 m,
     # but for a wobble
     assert "9.1 m apart, the nearest" in words
-    others = [
+    labels_of_another = [
         label.words for label in Overlay(film_data_of(flight), Video())._labels(state, shot.view)
     ]
-    assert not [word for word in others if word.startswith("station")]
+    assert not [word for word in labels_of_another if word.startswith("station")]
 
 
 def test_the_swarm_is_filmed_from_behind() -> None:
@@ -107,6 +107,6 @@ def test_every_follower_of_ten_has_a_label() -> None:
     """All ten stand in the picture from above, and there is room for a label of each."""
     data = film_data_of(make_flight(60.0, 10))
     overlay, state = Overlay(data, Video()), data.at(30.0)
-    wanted = overlay._labels(state, CameraRig(data, 16 / 9).shot("top", state).view)
-    placed = {label.words for label, _, _ in place_labels(wanted, [], overlay.canvas)}
+    labels = overlay._labels(state, CameraRig(data, 16 / 9).shot("top", state).view)
+    placed = {label.words for label, _, _ in place_labels(labels, [], overlay.canvas)}
     assert set(data.flight.trajectory.names[1:]) <= placed

@@ -19,7 +19,7 @@ from sim.film.film_data import ESTIMATE, TRUTH, FilmData
 from sim.film.render import GROUP, FilmJob
 from sim.film.scene import WATER
 from sim.scenario.settings import CAMERAS, Video
-from tests.sim.film.filmed import apart, small
+from tests.sim.film.filmed import small_video, with_estimate_moved_east
 
 pytestmark = pytest.mark.system
 
@@ -29,13 +29,13 @@ needs_graphics = pytest.mark.skipif(
 
 
 def job_of(flight, **video):
-    return FilmJob(flight=flight, video=small(**video))
+    return FilmJob(flight=flight, video=small_video(**video))
 
 
 # settings that cannot be
 
 
-def test_other_impossible_wishes_are_refused(flight, tmp_path):
+def test_paths_and_times_that_cannot_be_rendered_are_refused(flight, tmp_path):
     job = job_of(flight)
     with pytest.raises(render.RenderError, match=r"should end in \.mp4"):
         render.render(job, tmp_path / "film.avi")
@@ -72,32 +72,32 @@ def test_a_still_shows_markers_where_the_vehicles_are_and_no_band_at_the_horizon
     flight, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    shifted = apart(flight, 2.5)
-    video, when = Video(), 40.0
+    shifted = with_estimate_moved_east(flight, 2.5)
+    video, time_s = Video(), 40.0
     path = tmp_path / "still.png"
-    render.still(FilmJob(flight=shifted, video=video), when, path)
+    render.still(FilmJob(flight=shifted, video=video), time_s, path)
     assert [p.name for p in tmp_path.iterdir()] == ["still.png"]
     image = Image.open(path)
     assert image.size == (1280, 720)
     data = FilmData(shifted, video.speed_up)
-    state = data.at(when)
+    state = data.at(time_s)
     view = CameraRig(data, 1280 / 720).shot("chase", state).view
     (truth,), _ = view.project(state.hydrophone, 1280, 720)
-    (belief,), _ = view.project(state.estimate, 1280, 720)
+    (estimate,), _ = view.project(state.estimate, 1280, 720)
     np.testing.assert_allclose(colour_near(image, truth), 255 * np.array(TRUTH), atol=12)
-    np.testing.assert_allclose(colour_near(image, belief), 255 * np.array(ESTIMATE), atol=12)
-    # open water between the panels: the level line has the colour of the water, and fades into it
-    # without a step
+    np.testing.assert_allclose(colour_near(image, estimate), 255 * np.array(ESTIMATE), atol=12)
+    # open water between the panels: at the horizon the picture has the colour of the water, and
+    # rows above and below fade into it without a step
     pixels = np.asarray(image).astype(float)
     eye = view.position
-    level = eye + 1000.0 * view.axes[2] * [1, 1, 0] / np.hypot(*view.axes[2][:2])
-    (horizon,), _ = view.project(level, 1280, 720)
+    horizon_point = eye + 1000.0 * view.axes[2] * [1, 1, 0] / np.hypot(*view.axes[2][:2])
+    (horizon,), _ = view.project(horizon_point, 1280, 720)
     row = round(float(horizon[1]))
     # beside the rays and the trail: a stretch of columns where rows differ by waves and sand alone
     columns = pixels[:, 900:1020].mean(axis=1)
     np.testing.assert_allclose(columns[row], 255 * np.array(WATER), atol=8)
-    steps = np.abs(np.diff(columns[row - 60 : row + 60], axis=0)).max()
-    assert steps < 6
+    largest_step = np.abs(np.diff(columns[row - 60 : row + 60], axis=0)).max()
+    assert largest_step < 6
     assert pixels.std() > 10
 
 
@@ -119,11 +119,11 @@ with closing(GlScene(job.flight, job.video)) as scene:
         renderer = FrameRenderer(dataclasses.replace(shifted, video=video), scene)
         first = renderer.frame(20.0).copy()
         renderer.frame(35.0)
-        # MuJoCo does not clear the memory of a scene: here it is full of a part of the follower
-        part = next(g for g in np.flatnonzero(scene._model.geom_bodyid == scene._vehicles[1].body)
+        # MuJoCo does not clear the memory of a scene: here it is filled with a geom of the follower
+        hull = next(g for g in np.flatnonzero(scene._model.geom_bodyid == scene._vehicles[1].body)
                     if g not in scene._inside)
         for geom in scene._scene.geoms[:100]:
-            geom.objtype, geom.objid, geom.transparent = mujoco.mjtObj.mjOBJ_GEOM.value, part, 1
+            geom.objtype, geom.objid, geom.transparent = mujoco.mjtObj.mjOBJ_GEOM.value, hull, 1
         assert np.array_equal(first, renderer.frame(20.0)), camera
         pictures[camera] = first
     # floor and surface move on by whole tiles as the camera travels, here after 11 s
@@ -132,8 +132,8 @@ with closing(GlScene(job.flight, job.video)) as scene:
     pictures["steps"] = np.array([np.abs(b - a).mean() for a, b in zip(frames[:-1], frames[1:])])
 np.savez(sys.argv[2], **pictures)
 """
-    shifted = apart(flight, 2.5)
-    jobs = [job_of(one) for one in (flight, shifted)]
+    shifted = with_estimate_moved_east(flight, 2.5)
+    jobs = [job_of(filmed) for filmed in (flight, shifted)]
     (tmp_path / "jobs").write_bytes(pickle.dumps(jobs))
     arguments = (str(tmp_path / "jobs"), str(tmp_path / "pictures.npz"))
     command, environment = graphics.child(program, graphics.working().name)
@@ -149,7 +149,7 @@ np.savez(sys.argv[2], **pictures)
 # films
 
 
-FILMED = {"frame_rate_hz": 25, "speed_up": 48.0}
+SHORT_FILM = {"frame_rate_hz": 25, "speed_up": 48.0}
 """The shortest film of two groups of pictures."""
 
 
@@ -157,23 +157,25 @@ FILMED = {"frame_rate_hz": 25, "speed_up": 48.0}
 def film(flight, tmp_path_factory):
     """A film by one worker, and its access units with their times."""
     path = tmp_path_factory.mktemp("film") / "one.mp4"
-    return path, render.render(job_of(flight, **FILMED), path, workers=1)
+    return path, render.render(job_of(flight, **SHORT_FILM), path, workers=1)
 
 
 @needs_graphics
 def test_the_film_has_the_requested_format_for_any_number_of_workers(flight, film, tmp_path):
-    shares, (one, _), two = [], film, tmp_path / "two.mp4"
-    render.render(job_of(flight, **FILMED), two, workers=2, progress=shares.append)
-    assert one.read_bytes() == two.read_bytes()
-    assert [p.name for folder in (one.parent, tmp_path) for p in folder.iterdir()] == [
+    progress_shares, (by_one_worker, _), by_two_workers = [], film, tmp_path / "two.mp4"
+    render.render(
+        job_of(flight, **SHORT_FILM), by_two_workers, workers=2, progress=progress_shares.append
+    )
+    assert by_one_worker.read_bytes() == by_two_workers.read_bytes()
+    assert [p.name for folder in (by_one_worker.parent, tmp_path) for p in folder.iterdir()] == [
         "one.mp4",
         "two.mp4",
     ]
-    assert shares[-1] == 1.0
-    assert shares == sorted(shares)
-    data = two.read_bytes()
+    assert progress_shares[-1] == 1.0
+    assert progress_shares == sorted(progress_shares)
+    data = by_two_workers.read_bytes()
     assert 0 < data.find(b"moov") < data.find(b"mdat")
-    with av.open(str(two)) as container:
+    with av.open(str(by_two_workers)) as container:
         stream = container.streams.video[0]
         assert (stream.codec_context.name, stream.codec_context.pix_fmt) == ("h264", "yuv420p")
         assert (stream.codec_context.width, stream.codec_context.height) == (320, 180)
@@ -195,21 +197,25 @@ def test_access_units_are_annex_b_with_headers_at_every_key_frame(film):
     decoder.thread_type = "SLICE"  # threads by frame would hold frames back
     for i, (_, unit) in enumerate(units):
         assert unit.startswith(b"\x00\x00\x00\x01")
-        kinds = [
-            part[0] & 31
-            for part in unit.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(b"\x00\x00\x01")[
-                1:
-            ]
+        nal_types = [
+            nal_unit[0] & 31
+            for nal_unit in unit.replace(b"\x00\x00\x00\x01", b"\x00\x00\x01").split(
+                b"\x00\x00\x01"
+            )[1:]
         ]
         # 7, 8: parameter sets; 5: IDR; 1: other picture (ITU-T H.264, Table 7-1)
-        assert (7 in kinds and 8 in kinds and 5 in kinds) if i % GROUP == 0 else kinds[-1] == 1
+        assert (
+            (7 in nal_types and 8 in nal_types and 5 in nal_types)
+            if i % GROUP == 0
+            else nal_types[-1] == 1
+        )
         # one frame for each unit, without waiting for a later one
         assert len(decoder.decode(av.Packet(unit))) == 1
 
 
 @needs_graphics
 def test_a_child_that_dies_leaves_no_film_and_its_last_words(flight, tmp_path, monkeypatch):
-    # before it has loaded what renders, which takes a second
+    # the child fails before it has loaded the renderer, which takes a second
     monkeypatch.setattr(render, "_IMPORTS", "raise ZeroDivisionError('in the child')")
     with pytest.raises(
         render.RendererDiedError, match=r"(?s)ended with code 1\n.*ZeroDivisionError: in the child$"
@@ -228,7 +234,7 @@ from tests.synthetic import make_flight
 from sim.film import render
 from sim.film.render import FilmJob
 from sim.scenario.settings import Video
-# one that is never done, and has nothing to load; its job is more than a pipe holds
+# a child that reports, never ends and has nothing to load; its job is more than a pipe holds
 render._IMPORTS = "import os, pickle, sys, time; render = time; render.main = lambda *_: " + \
     "(sys.stdin.buffer.read(), os.write(1, pickle.dumps((0, []))), time.sleep(60))"
 flight = make_flight(10.0)

@@ -17,7 +17,7 @@ from tests.synthetic import make_flight
 needs_graphics = pytest.mark.skipif(
     graphics.working() is None, reason="no graphics library renders here: " + graphics.INSTALL
 )
-LEVEL_M = 3.0
+CAMERA_DISTANCE_M = 3.0
 
 
 @pytest.fixture(scope="module")
@@ -25,14 +25,14 @@ def flight() -> Flight:
     return Flight(**vars(make_flight(60.0)))
 
 
-def test_what_is_cut_out_is_the_same_before_any_ground() -> None:
+def test_a_cut_out_has_the_colours_and_opacities_that_gave_both_pictures() -> None:
     rng = np.random.default_rng(3)
     colour = rng.uniform(0, 255, (5, 7, 3))
     opacity = rng.uniform(0.2, 1.0, (5, 7, 1))
     opaque = np.full((5, 7, 1), 255.0)
     white, black = (
-        np.concatenate([opacity * colour + (1 - opacity) * ground, opaque], axis=-1)
-        for ground in (255.0, 0.0)
+        np.concatenate([opacity * colour + (1 - opacity) * background, opaque], axis=-1)
+        for background in (255.0, 0.0)
     )
     picture = cut_out(white.round().astype(np.uint8), black.round().astype(np.uint8))
     np.testing.assert_allclose(picture[..., 3], 255 * opacity[..., 0], atol=1.0)
@@ -66,7 +66,7 @@ def test_a_film_cannot_be_transparent(flight: Flight, tmp_path: Path) -> None:
 @needs_graphics
 def test_a_large_picture_has_the_hull_alone(flight: Flight, tmp_path: Path) -> None:
     path = tmp_path / "hull.png"
-    settings = {"view": f"follower:0,{-LEVEL_M},0", "plain": True, "width_px": 3840}
+    settings = {"view": f"follower:0,{-CAMERA_DISTANCE_M},0", "plain": True, "width_px": 3840}
     render_flight(flight, path, time_s=0.0, background="transparent", height_px=2160, **settings)
     image = Image.open(path)
     assert image.mode == "RGBA"
@@ -74,12 +74,13 @@ def test_a_large_picture_has_the_hull_alone(flight: Flight, tmp_path: Path) -> N
     opacity = np.asarray(image)[..., 3]
     for corner in ((0, 0), (0, -1), (-1, 0), (-1, -1)):
         assert opacity[corner] == 0
-    # the follower heads east, so that it is seen from abeam: as long as its hull by the lens
-    middle = opacity[1080 - 40 : 1080 + 40].max(axis=0) > 200
-    long = np.flatnonzero(middle)
+    # the follower heads east and is seen from the south, abeam: by the lens, of 46° vertically, its
+    # picture is as long as a hull
+    is_hull = opacity[1080 - 40 : 1080 + 40].max(axis=0) > 200
+    hull_columns = np.flatnonzero(is_hull)
     focal = 1080 / np.tan(np.radians(23.0))
-    metres = (long[-1] - long[0]) * LEVEL_M / focal
-    assert 1.0 < metres < 3.0
+    visible_length_m = (hull_columns[-1] - hull_columns[0]) * CAMERA_DISTANCE_M / focal
+    assert 1.0 < visible_length_m < 3.0
     assert opacity[1080, 1920] == 255
 
 
@@ -89,7 +90,7 @@ def test_a_plain_picture_before_white_has_no_words(flight: Flight, tmp_path: Pat
     path = tmp_path / "plain.png"
     render_flight(flight, path, time_s=30.0, plain=True, background="white", width_px=640)
     picture = np.asarray(Image.open(path).convert("RGB"))
-    # where panels and words of the foot would be
+    # where the panels and the text at the foot would be
     assert (picture[:60, :160] == 255).all()
     assert (picture[-40:, 160:480] == 255).all()
     assert (picture < 200).any()
