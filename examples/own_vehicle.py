@@ -21,7 +21,7 @@ own = laisn_sim.fly("T5", {"duration_s": 100, "followers.0.model": "heavier.xml"
 usual = laisn_sim.fly("T5", {"duration_s": 100})
 for name, flight in (("own vehicle", own), ("follower", usual)):
     # the last 20 s of vehicle 1, the follower; effector 0 is the main thruster
-    main = flight.trajectory.thrust[-200:, 1, 0]
+    main = flight.trajectory.effector_states[-200:, 1, 0]
     print(
         f"{name:12} mean main thrust {main.mean():5.2f} N, mean E_P "
         f"{laisn_sim.summary(flight)['e_p_mean_m']:.2f} m"

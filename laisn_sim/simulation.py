@@ -377,7 +377,7 @@ class Simulation:
                 velocity=truth.twist[k, i, :3].copy(),
                 angular_velocity=truth.twist[k, i, 3:].copy(),
                 water_velocity=truth.water[k, i].copy(),
-                effectors=truth.thrust[k, i, :effectors].copy(),
+                effectors=truth.effector_states[k, i, :effectors].copy(),
             )
         return states
 

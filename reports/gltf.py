@@ -177,9 +177,9 @@ class _Writer:
                 mesh=file.add("meshes", primitives=[surface]),
                 translation=geom["at"],
             )
-            if truth.thrust.shape[2]:
+            if truth.effector_states.shape[2]:
                 # of a fin its deflection [rad]
-                angle = truth.thrust[self.rows, number, fin["effector"]]
+                angle = truth.effector_states[self.rows, number, fin["effector"]]
                 half_angle = 0.5 * angle[:, None]
                 axis = np.array(fin["axis"]) / np.linalg.norm(fin["axis"])
                 self.animate(

@@ -53,7 +53,7 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     have none.
     """
     # states of all effectors, which are thrusts [N] of thrusters alone
-    thrust = np.ascontiguousarray(trajectory.thrust[:, vehicle])
+    thrust = np.ascontiguousarray(trajectory.effector_states[:, vehicle])
     force = trajectory.effector_force[vehicle]  # of a unit of thrust, shape (m, 3), [-]
     power = np.full(len(thrust), np.nan)
     # of fins and other effectors, whose states are no thrusts; records that pad a vehicle have no

@@ -169,7 +169,7 @@ def _fly(
             _copy_lane(memory.motion.pose, lane, truth.pose[k])
             _copy_lane(memory.motion.twist, lane, truth.twist[k])
             _copy_lane(memory.water, lane, truth.water[k])
-            _copy_lane(memory.motion.states, lane, truth.thrust[k])
+            _copy_lane(memory.motion.states, lane, truth.effector_states[k])
         _steer(k, memory, routes)
     return OK, -1
 

@@ -135,7 +135,7 @@ def record_state(k: int, state: PlantState, environment: Environment, truth: Sta
     for i in range(state.pose.shape[0]):
         copy_values(state.pose[i], truth.pose[k, i])
         copy_values(state.twist[i], truth.twist[k, i])
-        copy_values(state.thrust[i], truth.thrust[k, i])
+        copy_values(state.effector_states[i], truth.effector_states[k, i])
 
 
 @compiled
@@ -282,7 +282,7 @@ def static_trajectory(plant: Plant) -> Trajectory:
     """A plant as it stands, as a trajectory of two equal instants: for settings that depend on
     the hulls.
     """
-    truth = StateHistory.empty(2, *plant.thrust.shape)
+    truth = StateHistory.empty(2, *plant.effector_states.shape)
     for k in range(2):
         record_state(k, plant.state, plant.ocean.environment, truth)
     return _trajectory(plant, truth)
@@ -333,13 +333,13 @@ class Mission:
             autopilot_designs=autopilot_designs,
             guidance=records(GUIDANCE_MEMORY, v),
             autopilot_memories=records(AUTOPILOT_MEMORY, v),
-            command=np.zeros_like(plant.thrust),
+            command=np.zeros_like(plant.effector_states),
             commanded_from_outside=np.zeros(v, dtype=np.bool_),
         )
         self.controller: Controller = self.routes
         if make_controller is not None:
             self.controller = make_controller(plant, self.routes)
-        self.truth = StateHistory.empty(ticks + 1, *plant.thrust.shape)
+        self.truth = StateHistory.empty(ticks + 1, *plant.effector_states.shape)
         self._instants = np.zeros(1, dtype=np.int64)
         self._loop = LoopState(
             handles=plant.step_handles(),
@@ -576,7 +576,7 @@ def simulate_points(
         pose=pose,
         twist=twist,
         water_velocity=np.zeros((n, v, 3)),
-        thrust=np.zeros((n, v, 0)),
+        effector_states=np.zeros((n, v, 0)),
         effector_force=np.zeros((v, 0, 3)),
         site_names=plant.site_names if plant else (),
         site_vehicle=plant.site_vehicle if plant else np.zeros(0, np.int64),

@@ -24,7 +24,7 @@ class StateHistory(NamedTuple):
     # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (n, v, 6)
     twist: Floats
     water: Floats  # velocity of the water in the world, shape (n, v, 3), [m/s]
-    thrust: Floats  # states of the effectors, as of `Trajectory.thrust`, shape (n, v, m)
+    effector_states: Floats  # as of `Trajectory.effector_states`, shape (n, v, m)
 
     @classmethod
     def empty(cls, instants: int, vehicles: int, effectors: int) -> Self:
@@ -110,7 +110,7 @@ def blocks(instants: int) -> list[slice]:
     return [slice(first, first + _BLOCK) for first in range(0, instants, _BLOCK)]
 
 
-OF_VEHICLES = ("pose", "twist", "water_velocity", "thrust")  # arrays of shape (n, v, …)
+OF_VEHICLES = ("pose", "twist", "water_velocity", "effector_states")  # arrays of shape (n, v, …)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -132,7 +132,7 @@ class Trajectory(ArrayRecord):
     water_velocity: Floats
     # state of the effectors, shape (n, v, m): thrust [N], of a propeller [1/s], of a fin [rad];
     # else 0
-    thrust: Floats
+    effector_states: Floats
     # of each vehicle's effectors; empty for point motion
     effector_names: tuple[tuple[str, ...], ...] = ()
     # of a unit of thrust in the body frame, shape (v, m, 3), [-]; 0 for other states
@@ -145,7 +145,7 @@ class Trajectory(ArrayRecord):
         n = self.time.size
         v = len(self.names)
         s = len(self.site_names)
-        m = self.thrust.shape[2]
+        m = self.effector_states.shape[2]
         expected = {
             name: (n, v, size) for name, size in zip(OF_VEHICLES, (7, 6, 3, m), strict=True)
         }
@@ -303,7 +303,7 @@ class Trajectory(ArrayRecord):
 def history_of(trajectory: Trajectory) -> StateHistory:
     """Its motion as the simulation records it."""
     t = trajectory
-    return StateHistory(t.pose, t.twist, t.water_velocity, t.thrust)
+    return StateHistory(t.pose, t.twist, t.water_velocity, t.effector_states)
 
 
 def tilted(trajectory: Trajectory, pitch: npt.ArrayLike, roll: npt.ArrayLike = 0.0) -> Trajectory:

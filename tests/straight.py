@@ -66,7 +66,7 @@ def make_trajectory(
         ),
         twist=np.broadcast_to(np.hstack([velocity, np.zeros((v, 3))]), (n, v, 6)).copy(),
         water_velocity=np.zeros((n, v, 3)),
-        thrust=np.zeros((n, v, 0)),
+        effector_states=np.zeros((n, v, 0)),
         effector_force=np.zeros((v, 0, 3)),
         site_names=tuple(name for name, _, _ in sites),
         site_vehicle=np.array([i for _, i, _ in sites]),

@@ -115,7 +115,7 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
         ),
         twist=np.concatenate([velocity, turning], axis=2),
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
-        thrust=thrust,
+        effector_states=thrust,
         effector_names=(EFFECTORS,) * len(names),
         effector_force=np.broadcast_to(np.eye(3)[[0, 1, 1, 2, 2]], (len(names), 5, 3)).copy(),
         site_names=tuple(name for name, _, _ in sites),

@@ -372,9 +372,10 @@ def part_of(
         places = true_stations(MotionSettings.of(flight.scenario), truth)
         station = np.stack([places.east[slow], places.north[slow]], axis=-1)[first_slow:]
         packer.add("station", np.nan_to_num(station), 0.01)
-    if hulls.effectors and truth.thrust.shape[2]:
-        # states of all kinds: thrust [N], of a propeller [1/s], of a fin [rad]
-        packer.add("effector", truth.thrust[grid[first_row:]][:, :, hulls.effectors], 0.01, 1)
+    if hulls.effectors and truth.effector_states.shape[2]:
+        # of all kinds: thrust [N], of a propeller [1/s], of a fin [rad]
+        of_parts = truth.effector_states[grid[first_row:]][:, :, hulls.effectors]
+        packer.add("effector", of_parts, 0.01, 1)
     messages = tuple(measurements.message_step.size for measurements in flight.measurements)
     return SceneUpdate(
         packer=packer,
@@ -429,7 +430,8 @@ def meta_of(
         "hues": hues(),
         "vehicles": [vars(vehicle) for vehicle in _vehicles(flight, hulls.index_of_vehicle)],
         "models": hulls.shapes,
-        "columns": len(hulls.effectors) if truth.thrust.shape[2] else 0,  # of the array "effector"
+        # of the array "effector"
+        "columns": len(hulls.effectors) if truth.effector_states.shape[2] else 0,
         "beacons": [],  # places of fixed transmitters (east, north, up) [m]
         "used": max(n.transmitters for _, n in flight.scenario.navigations()),  # transmitters
         "known": known_from(flight),

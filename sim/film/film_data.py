@@ -123,7 +123,7 @@ class FilmFrame:
     film_time: float  # since the film began [s]
     position: Floats  # body origins in the world, shape (v, 3), [m]
     quaternion: Floats  # attitudes from body to world, (w, x, y, z), shape (v, 4)
-    # states of the effectors, with units and padding as of `Trajectory.thrust`, shape (v, m)
+    # states of the effectors, shape (v, m); units and padding as of `Trajectory.effector_states`
     effectors: Floats
     heading: Floats
     pitch: Floats  # shape (v,), as `heading`
@@ -236,7 +236,7 @@ class FilmData:
             film_time=(time - self.start) / self.speed_up,
             position=position,
             quaternion=quaternion,
-            effectors=truth.thrust[nearest],
+            effectors=truth.effector_states[nearest],
             heading=heading,
             pitch=pitch,
             speed=truth.forward_speed[nearest],

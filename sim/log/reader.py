@@ -270,13 +270,11 @@ def _trajectory(log: Contents, grid_ns: Ints) -> Trajectory:
         table["names"], table["effector_names"] or [()] * len(force), strict=True
     ):
         arrays = _record(log, name, [vehicle_state(tuple(effectors))], grid_ns)
-        vehicles.append(
-            arrays
-            | {"thrust": np.pad(arrays["thrust"], ((0, 0), (0, force.shape[1] - len(effectors))))}
-        )
+        padding = ((0, 0), (0, force.shape[1] - len(effectors)))
+        vehicles.append(arrays | {"effector_states": np.pad(arrays["effector_states"], padding)})
     state = {
         name: np.stack([arrays.pop(name) for arrays in vehicles], axis=1)
-        for name in ("water_velocity", "thrust")
+        for name in ("water_velocity", "effector_states")
     }
     for name, parts in (
         ("pose", ("position", "quaternion")),

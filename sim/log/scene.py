@@ -156,7 +156,7 @@ def draw_hulls(flight: FlightRecord, index: Ints, hulls: VisibleHulls) -> tuple[
     moving fins.
     """
     names = flight.trajectory.names
-    states = flight.trajectory.thrust[index]
+    states = flight.trajectory.effector_states[index]
     compiled = hulls.models
     fins = hulls.fins
     move = states.shape[2] > 0 and any(fins)

@@ -193,8 +193,9 @@ POSE_FIELDS = (
 @cache
 def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
     """True state of a vehicle with these effectors, whose states are fields `thrust_…`, in units as
-    of `Trajectory.thrust`: the thrust of `thruster_main` is `thrust_main`.
+    of `Trajectory.effector_states`: the thrust of `thruster_main` is `thrust_main`.
     """
+    short_names = [name.removeprefix("thruster_") for name in effectors]
     return RecordType(
         # vehicles of one log may differ in their effectors
         name=f"VehicleState_{crc32(','.join(effectors).encode()):08x}",
@@ -206,7 +207,7 @@ def vehicle_state(effectors: tuple[str, ...]) -> RecordType:
             _array("velocity", "velocity", _WORLD),
             _array("angular_velocity", "angular_velocity", _BODY),
             _array("water_velocity", "water_velocity", _WORLD),
-            _array("thrust", "thrust", [name.removeprefix("thruster_") for name in effectors]),
+            _array("effector_states", "thrust", short_names),
             # these follow from the others; they are there for plots
             *_numbers("depth", "heading", "pitch", "roll", "forward_speed"),
         ),

@@ -244,7 +244,8 @@ def _state(t: Trajectory, v: int, effector_count: int) -> dict[str, Column]:
         "forward_speed",
     )
     recorded = {name: getattr(t, name)[:, v] for name in names}
-    return computed | recorded | {"time": t.time, "thrust": t.thrust[:, v, :effector_count]}
+    effector_states = t.effector_states[:, v, :effector_count]
+    return computed | recorded | {"time": t.time, "effector_states": effector_states}
 
 
 def _truth(flight: FlightRecord, clock: Clock) -> Iterator[LogChannel]:

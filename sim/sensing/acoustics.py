@@ -28,7 +28,7 @@ from laisn.compiled import formula, jitable
 from sim.attitude import Vector, body_point_in_world
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
-from sim.trajectory import StateHistory, Trajectory, pose_between, row
+from sim.trajectory import StateHistory, Trajectory, history_of, pose_between, row
 from sim.water.assembly import rays_of
 from sim.water.rays import Path, distance
 
@@ -276,6 +276,4 @@ def reception_step(complete: float, dt: float) -> int:
 
 def motion_of(t: Trajectory) -> Motion:
     """Motion of all vehicles of a trajectory."""
-    return Motion(
-        StateHistory(t.pose, t.twist, t.water_velocity, t.thrust), float(t.time[0]), t.time.size - 1
-    )
+    return Motion(history_of(t), float(t.time[0]), t.time.size - 1)

@@ -20,7 +20,7 @@ from sim.attitude import from_euler
 from sim.scenario.links import LEADER_LINK, LinkTable
 from sim.scenario.parts import LinkSettings
 from sim.sensing import noise
-from sim.trajectory import StateHistory, Trajectory
+from sim.trajectory import StateHistory, Trajectory, history_of
 
 AT_REST = -1
 """Sender of a link of beacons."""
@@ -125,13 +125,11 @@ class Link:
 
     def motion_of(self, trajectory: Trajectory) -> Trajectory:
         """A motion with the sender in the leader's place, and with its transmitters."""
-        truth = StateHistory(
-            trajectory.pose, trajectory.twist, trajectory.water_velocity, trajectory.thrust
-        )
+        truth = history_of(trajectory)
         pose = np.empty_like(trajectory.pose)
         twist = np.empty_like(trajectory.twist)
         water = np.empty_like(trajectory.water_velocity)
-        history = StateHistory(pose, twist, water, trajectory.thrust)
+        history = StateHistory(pose, twist, water, trajectory.effector_states)
         self.copy_instants(truth, 0, trajectory.time.size - 1, history)
         offset = trajectory.site_offset.copy()
         offset[[trajectory.site(name) for name in _SITES]] = self.sites

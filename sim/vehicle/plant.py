@@ -47,7 +47,7 @@ class PlantState(NamedTuple):
     pose: Floats  # position [m] and quaternion (w, x, y, z), shape (v, 7)
     # velocity in the world [m/s] and angular velocity in the body [rad/s], shape (v, 6)
     twist: Floats
-    thrust: Floats  # states of the effectors, shape (v, m)
+    effector_states: Floats  # states of the effectors, shape (v, m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,9 +190,9 @@ class Plant:
             as the next.
         twist: velocity of the origin in the world [m/s] and angular velocity in the body [rad/s],
             shape (v, 6).
-        thrust: states of the effectors, shape (v, m): thrust [N], revolutions per second,
+        effector_states: of all vehicles, shape (v, m): thrust [N], revolutions per second,
             deflection [rad], …
-        state: pose, twist and thrust, for compiled code.
+        state: pose, twist and states of the effectors, for compiled code.
         effectors, fixed_fins: records of `sim.vehicle.effector_kinds.EFFECTOR`, shapes (v, m) and
             (v, q), zero beyond a vehicle's own; `true_effectors` has both, with the setups' scales.
         kinds: of the effectors, for compiled code.
@@ -237,8 +237,8 @@ class Plant:
         self.effectors = fleet.effectors
         self.fixed_fins = fleet.fixed_fins
         self.effector_names = tuple(v.effectors for v in vehicles)
-        self.thrust: Floats = np.zeros(self.effectors.shape)
-        self.state = PlantState(self.pose, self.twist, self.thrust)
+        self.effector_states: Floats = np.zeros(self.effectors.shape)
+        self.state = PlantState(self.pose, self.twist, self.effector_states)
         self._acceleration: Floats = data.qacc.reshape(n, 6)
         self._last_pose = np.empty((n, 7))
         self._last_twist = np.empty((n, 6))
@@ -274,9 +274,9 @@ class Plant:
         start = data.qpos.copy(), data.qvel.copy()
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
         self._handles = fleet_handles(self.handles_alone)
-        self.step(np.zeros(self.thrust.shape))
+        self.step(np.zeros(self.effector_states.shape))
         data.qpos[:], data.qvel[:] = start
-        data.time = self.thrust[:] = 0.0
+        data.time = self.effector_states[:] = 0.0
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
 
     def _solver_of(self, engine: Engine) -> MujocoSolver | DirectSolver:
@@ -330,8 +330,10 @@ class Plant:
         PlantError if the state or a command is not finite, a vehicle is faster than any can be, or
         MuJoCo warns.
         """
-        if command.shape != self.thrust.shape:
-            raise ValueError(f"command has shape {command.shape}, expected {self.thrust.shape}")
+        if command.shape != self.effector_states.shape:
+            raise ValueError(
+                f"command has shape {command.shape}, expected {self.effector_states.shape}"
+            )
         commands = np.ascontiguousarray(command, dtype=np.float64)
         self.set_clock()
         fault = run_steps(self.step_handles(), commands, n_substeps)
@@ -361,7 +363,7 @@ class Plant:
             coefficients=self.true_coefficients,
             environment=self.ocean.environment,
             solver=self._solver,
-            fitted=Fitted(self.kinds, self.true_effectors, self.thrust),
+            fitted=Fitted(self.kinds, self.true_effectors, self.effector_states),
         )
 
     def finish_step(self, fault: Fault) -> None:

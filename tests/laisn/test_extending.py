@@ -98,7 +98,7 @@ force, moment = hydrodynamics.viscous(c, (0.0, 0.0, 0.0), (0.3, 0.0, 0.4))[0]
 # roll damps by 0.034 N m s² times the resultant of 0.5 rad/s, where the file's law takes the
 # roll's own 0.3 rad/s
 assert abs(moment[0] + (0.58853 + 0.034 * 0.5) * 0.3) < 1e-12, moment
-plant.step(np.zeros_like(plant.thrust), 10)
+plant.step(np.zeros_like(plant.effector_states), 10)
 assert 0.9 < plant.twist[0, :2].max() < 1.0, plant.twist
 """
 

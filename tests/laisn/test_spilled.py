@@ -59,7 +59,7 @@ def test_the_truth_of_a_long_mission_is_not_copied() -> None:
         pose=truth.pose,
         twist=truth.twist,
         water_velocity=truth.water,
-        thrust=truth.thrust,
+        effector_states=truth.effector_states,
         effector_force=np.zeros((1, 2, 3)),
         site_names=(),
         site_vehicle=np.zeros(0, dtype=np.int64),

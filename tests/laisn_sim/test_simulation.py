@@ -134,7 +134,7 @@ def test_a_wrench_and_states_of_effectors_are_given_as_they_are() -> None:
     sim.command("follower", Wrench(surge=5.0))
     sim.step(10.0)
     flight = sim.flight().trajectory
-    pushed = flight.thrust[100, 1] @ flight.effector_force[1]
+    pushed = flight.effector_states[100, 1] @ flight.effector_force[1]
     assert pushed[0] == pytest.approx(5.0, rel=0.02)
     effectors = sim.truth["follower"].effectors
     sim.command("follower", np.zeros_like(effectors))
@@ -314,7 +314,7 @@ def test_observers_get_each_instant_once_in_order() -> None:
     assert blocks[0].names == truth.names
     assert starts == [block.time[0] for block in blocks]
     np.testing.assert_array_equal(np.concatenate([block.time for block in blocks]), truth.time)
-    for name in ("pose", "twist", "thrust"):
+    for name in ("pose", "twist", "effector_states"):
         joined = np.concatenate([getattr(block.truth, name) for block in blocks])
         np.testing.assert_array_equal(joined, getattr(truth, name), name)
     with pytest.raises(ValueError, match="read-only"):

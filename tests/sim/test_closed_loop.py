@@ -223,7 +223,10 @@ def test_commands_are_a_function_of_readings_and_estimates() -> None:
     )
     flown, loop = simulate_closed_loop(scenario)
     truth = StateHistory(
-        *(array.copy() for array in (flown.pose, flown.twist, flown.water_velocity, flown.thrust))
+        *(
+            array.copy()
+            for array in (flown.pose, flown.twist, flown.water_velocity, flown.effector_states)
+        )
     )
     other = deepcopy(truth)
     for array in other:

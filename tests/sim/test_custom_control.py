@@ -101,13 +101,13 @@ def test_a_command_is_held_by_the_autopilot(flown: tuple[FlightRecord, Any]) -> 
 def test_a_wrench_turns_and_drives_the_hull(flown: tuple[FlightRecord, Any]) -> None:
     motion = flown[0].trajectory
     assert np.unwrap(motion.heading[:, 2])[-1] < np.unwrap(motion.heading[:, 2])[0] - 1.0
-    forces = motion.thrust[100:, 2] @ motion.effector_force[2][:, 0]
+    forces = motion.effector_states[100:, 2] @ motion.effector_force[2][:, 0]
     assert forces.mean() == pytest.approx(5.0, rel=0.05)
 
 
 def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[FlightRecord, Any]) -> None:
     motion = flown[0].trajectory
-    assert np.abs(motion.thrust[100:, 3]).max() < 1e-6
+    assert np.abs(motion.effector_states[100:, 3]).max() < 1e-6
     speed = np.hypot(*motion.velocity[:, 3, :2].T)
     assert speed[-1] < 0.5 * speed[0]
 

@@ -16,7 +16,7 @@ from sim.side_by_side import groups_for_lanes, simulate_side_by_side
 from sim.simulation import simulate_open_loop
 from sim.trajectory import Trajectory
 
-RECORDED = ("pose", "twist", "thrust", "water_velocity")
+RECORDED = ("pose", "twist", "effector_states", "water_velocity")
 
 
 def motion(*settings: str, engine: str = "direct") -> MotionSettings:
@@ -103,7 +103,7 @@ def test_autopilots_that_differ_in_what_they_do_steer_as_each_does_alone(model: 
         for i, way in enumerate(ways)
     ]
     alone = [simulate_open_loop(each) for each in motions]
-    straight, _, turning = (np.abs(each.thrust[:, 1]).max(axis=0) for each in alone)
+    straight, _, turning = (np.abs(each.effector_states[:, 1]).max(axis=0) for each in alone)
     assert np.any(turning > 3.0 * straight)
     for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
         require_equal(aside, expected)

@@ -52,7 +52,7 @@ def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compi
         "velocity",
         "angular_velocity",
         "water_velocity",
-        "thrust",
+        "effector_states",
     ):
         np.testing.assert_array_equal(getattr(own, name), getattr(usual, name))
     assert made[0].called == list(range(601))
@@ -76,14 +76,14 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
             self.command[1, 0] = 5.0 if k < 10 else 0.0
 
     flown = simulate_motion(load_scenario("T5", ["duration_s=3"]), make_controller=Pulse)
-    time, start = flown.time, flown.thrust[0, 1, 0]
+    time, start = flown.time, flown.effector_states[0, 1, 0]
     assert start == 0.0
     rise = 5.0 * -np.expm1(-time / lags[0])
     fall = rise[10] * np.exp(-(time - 1.0) / lags[0])
     np.testing.assert_allclose(
-        flown.thrust[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9
+        flown.effector_states[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9
     )
-    assert not flown.thrust[:, 0].any()
+    assert not flown.effector_states[:, 0].any()
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])

@@ -109,7 +109,7 @@ def test_contact_ends_a_mission_where_one_that_goes_on_is_marked(changes: dict[s
     # noses meet when both have swum 30 m, less half a hull each
     assert ended.time[-1] == pytest.approx(30.0 - 0.7, abs=0.5)
     assert contacts(ended) == [(ended.time[-1], ("follower-1", "follower-2"))] == contacts(whole)
-    for name in ("time", "position", "quaternion", "velocity", "thrust"):
+    for name in ("time", "position", "quaternion", "velocity", "effector_states"):
         np.testing.assert_array_equal(getattr(ended, name), getattr(whole, name)[: ended.time.size])
 
 

@@ -38,7 +38,7 @@ def trajectory() -> Trajectory:
         ),
         twist=np.stack([np.hstack([velocity, np.zeros((n, 3))])] * 2, axis=1),
         water_velocity=np.zeros((n, 2, 3)),
-        thrust=np.zeros((n, 2, 0)),
+        effector_states=np.zeros((n, 2, 0)),
         effector_force=np.zeros((2, 0, 3)),
         site_names=("leader/tx_front", "follower/hydrophone"),
         site_vehicle=np.array([0, 1]),
@@ -110,7 +110,7 @@ def test_saved_and_loaded_is_the_same_to_the_bit(trajectory: Trajectory, tmp_pat
         "position",
         "quaternion",
         "velocity",
-        "thrust",
+        "effector_states",
         "site_offset",
         "site_vehicle",
     ):

@@ -171,7 +171,7 @@ def test_energy_is_mean_power_times_time_and_way_costs_it():
     # no disc can push against the water for less than the work that it does there
     through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
     assert facts["power_mean_w"] > 0.99 * float(
-        np.mean(np.abs(trajectory.thrust[:, 1, 0]) * through)
+        np.mean(np.abs(trajectory.effector_states[:, 1, 0]) * through)
     )
 
 
@@ -193,7 +193,7 @@ def test_facts_of_a_mission_are_those_of_its_motion():
     )
     thrust = np.zeros((flown.time.size, 2, 2))
     thrust[:, 0, 0], thrust[:, 1, 1] = 16.0, -9.0
-    flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS)
+    flown = replace(flown, effector_states=thrust, effector_force=ALONG_AND_ACROSS)
     (facts,) = facts_of(MotionSettings.of(scenario), flown)
     time, area = flown.time, math.pi * DISC_DIAMETER_M**2 / 4
     # at rest a disc takes T^1.5 / √(2ρA)
@@ -264,12 +264,14 @@ def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
     )
     thrust, water = np.zeros((flown.time.size, 2, 2)), np.zeros_like(flown.water_velocity)
     thrust[:, 0, 0], water[..., 0] = 8.0, 0.4
-    flown = replace(flown, thrust=thrust, effector_force=ALONG_AND_ACROSS, water_velocity=water)
+    flown = replace(
+        flown, effector_states=thrust, effector_force=ALONG_AND_ACROSS, water_velocity=water
+    )
     forward = disc_power(np.array(8.0), np.array(0.4), 1026.0)
     assert thruster_power(flown, 0, 1026.0) == pytest.approx(np.full(201, forward))
     # against its way it pushes into its own wake
     backwards = disc_power(np.array(8.0), np.array(0.0), 1026.0)
-    assert thruster_power(replace(flown, thrust=-thrust), 0, 1026.0) == pytest.approx(
+    assert thruster_power(replace(flown, effector_states=-thrust), 0, 1026.0) == pytest.approx(
         np.full(201, backwards)
     )
 
@@ -290,10 +292,10 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
         }
     )
     n, each = trajectory.time.size, np.arange(1.0, 11.0)
-    thrust = np.zeros_like(trajectory.thrust)
+    thrust = np.zeros_like(trajectory.effector_states)
     # the leader's do not count
     thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
-    trajectory = replace(trajectory, thrust=thrust)
+    trajectory = replace(trajectory, effector_states=thrust)
     estimates = records(ESTIMATE, n, 10)
     estimates.position[0] = 99.0
     for i, name in enumerate(trajectory.names[1:]):

@@ -157,7 +157,7 @@ def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
     flown = simulate(plant(model), [northbound()], 60.0)
     d = autopilot.design(plant(model), ("pitch",))[0]
     expected = d["drag"] + d["drag_linear"] * np.exp(-d["drag_fade"])
-    assert flown.thrust[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
+    assert flown.effector_states[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
     assert flown.forward_speed[-1, 0] == pytest.approx(1.0, abs=1e-3)
 
 
@@ -206,7 +206,7 @@ def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
     # cross-flow drag helps: the angle is less than the linear lift alone requires, but of its order
     assert 0.6 * abs(linear) < abs(flown.pitch[-1, 0]) < abs(linear)
     assert np.sign(flown.pitch[-1, 0]) == -np.sign(buoyancy)
-    assert np.abs(flown.thrust[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
+    assert np.abs(flown.effector_states[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
 
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
@@ -215,7 +215,7 @@ def test_depth_is_held_by_thrust_with_a_level_hull(model):
     assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.02)
     assert np.rad2deg(flown.pitch[-1, 0]) == pytest.approx(0.0, abs=0.1)
     # what floats up is pushed down
-    assert flown.thrust[-1, 0, 3:].sum() == pytest.approx(-7.0, abs=0.2)
+    assert flown.effector_states[-1, 0, 3:].sum() == pytest.approx(-7.0, abs=0.2)
 
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])

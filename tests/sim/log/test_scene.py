@@ -84,9 +84,10 @@ def test_fins_of_the_scene_turn_with_their_deflections(
     one.
     """
     scenario = laisn_sim.load("T5", {"leader.model": "remus100", "duration_s": 30})
-    thrust = flight.trajectory.thrust.copy()
-    thrust[:, 0], thrust[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
-    moved = replace(flight, scenario=scenario, trajectory=replace(flight.trajectory, thrust=thrust))
+    states = flight.trajectory.effector_states.copy()
+    states[:, 0], states[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
+    trajectory = replace(flight.trajectory, effector_states=states)
+    moved = replace(flight, scenario=scenario, trajectory=trajectory)
     first, *between, last = messages(write_log(moved, tmp_path), "/scene/hulls")
     assert len(between) == 29, "one update a second"
 

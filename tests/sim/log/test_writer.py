@@ -205,7 +205,7 @@ def test_poses_transforms_and_errors_are_the_flight(flight: FlightRecord, writte
     assert (state.pitch, state.depth, state.thrust_main) == (
         t.pitch[100, 0],
         t.depth[100, 0],
-        t.thrust[100, 0, 0],
+        t.effector_states[100, 0, 0],
     )
 
 

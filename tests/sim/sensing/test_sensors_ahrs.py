@@ -37,7 +37,7 @@ def moved(velocity: Floats, quaternion: Floats) -> Trajectory:
             "quaternion",
             "angular_velocity",
             "water_velocity",
-            "thrust",
+            "effector_states",
         )
     }
     pair["velocity"][:, 0] = velocity

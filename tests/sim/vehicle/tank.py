@@ -130,8 +130,8 @@ class Tank:
         return np.array(self.data.qfrc_applied)
 
     def _step(self, thrust: npt.ArrayLike, n: int) -> None:
-        self.plant.thrust[0] = thrust
-        self.plant.step(self.plant.thrust.copy(), n)
+        self.plant.effector_states[0] = thrust
+        self.plant.step(self.plant.effector_states.copy(), n)
 
     @property
     def rotation(self) -> Floats:

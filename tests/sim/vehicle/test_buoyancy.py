@@ -74,7 +74,7 @@ def test_a_neutral_trim_is_neutral_at_any_density(model: str, density: float) ->
     assert plant.coefficients[0]["buoyancy"] == pytest.approx(weight, rel=1e-12)
     trimmed = plant_of(model, density, trim="neutral", excess_buoyancy_n=3.0)
     assert trimmed.coefficients[0]["buoyancy"] == pytest.approx(weight + 3.0, rel=1e-12)
-    plant.step(np.zeros((1, plant.thrust.shape[1])), 250)
+    plant.step(np.zeros((1, plant.effector_states.shape[1])), 250)
     assert plant.pose[0, 2] == pytest.approx(-50.0, abs=1e-9)
 
 

@@ -207,10 +207,10 @@ def test_state_follows_the_command_with_the_lag_of_the_mjcf() -> None:
     command = np.array([[20.0, 0.2, 0.2, -0.1, -0.1]])
     plant.step(command, 25)
     expected = command[0] * -np.expm1(-0.5 / np.array([1.0, 0.1, 0.1, 0.1, 0.1]))
-    np.testing.assert_allclose(plant.thrust[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(plant.effector_states[0], expected, rtol=1e-9)
     plant.step(10 * command, 500)
     np.testing.assert_allclose(
-        plant.thrust[0], [25.4167, 0.261799, 0.261799, -0.261799, -0.261799], rtol=1e-4
+        plant.effector_states[0], [25.4167, 0.261799, 0.261799, -0.261799, -0.261799], rtol=1e-4
     )
 
 

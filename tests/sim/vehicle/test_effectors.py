@@ -53,7 +53,7 @@ def test_records_are_those_of_the_mjcf() -> None:
     assert not own["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
     still = 0.0, 0.0, 0.0
-    fitted = Fitted(plant.kinds, plant.true_effectors, plant.thrust)
+    fitted = Fitted(plant.kinds, plant.true_effectors, plant.effector_states)
     thrust, torque, *others = effector_wrench(
         fitted, 0, HullFlow(1026.0, 9.81, still, still, (0.0, 0.0, 1.0))
     )
@@ -81,7 +81,7 @@ def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
     )
     again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "three.mcap"))
     assert again.trajectory.effector_names == flight.trajectory.effector_names
-    assert again.trajectory.thrust.tobytes() == flight.trajectory.thrust.tobytes()
+    assert again.trajectory.effector_states.tobytes() == flight.trajectory.effector_states.tobytes()
 
 
 def test_a_vehicle_without_any_actuator_is_refused(tmp_path: Path) -> None:

@@ -67,18 +67,18 @@ def test_it_rises_and_sinks_with_the_speed_of_net_buoyancy_against_drag() -> Non
     plant = plant_of(Path("float.xml").read_text("utf-8"))
     command = np.zeros((1, 9))
     for side in (1.0, -1.0):
-        before = plant.thrust[0, 8]
+        before = plant.effector_states[0, 8]
         command[0, 8] = side * VOLUME
         plant.step(command, 100)
-        assert plant.thrust[0, 8] == pytest.approx(before + side * RATE * 2.0, rel=1e-9)
+        assert plant.effector_states[0, 8] == pytest.approx(before + side * RATE * 2.0, rel=1e-9)
         # 32 kg of mass and added mass against 33 N s/m and more: a second
         plant.step(command, 1900)
-        assert plant.thrust[0, 8] == pytest.approx(side * VOLUME, rel=1e-9)
+        assert plant.effector_states[0, 8] == pytest.approx(side * VOLUME, rel=1e-9)
         expected = side * terminal_speed(DENSITY * GRAVITY * VOLUME)
         assert plant.twist[0, 2] == pytest.approx(expected, rel=1e-6)
     command[0, 8] = -1.0
     plant.step(command, 1000)
-    assert plant.thrust[0, 8] == pytest.approx(-5e-4, rel=1e-9)
+    assert plant.effector_states[0, 8] == pytest.approx(-5e-4, rel=1e-9)
     # in a hull on its side, it pushes against gravity at its place
     text = Path("float.xml").read_text("utf-8")
     aside = plant_of(text.replace('name="engine" pos="0 0 0"', 'name="engine" pos="0.1 0.02 0"'))
@@ -103,9 +103,9 @@ def test_its_controller_takes_the_float_to_its_depth(folder: Path) -> None:
     depth = -flight.trajectory.position[:, 1, 2]
     assert depth[0] == pytest.approx(14.0, abs=1e-6)
     np.testing.assert_allclose(depth[-200:], 18.0, atol=0.15)
-    volume = flight.trajectory.thrust[:, 1, 8]
+    volume = flight.trajectory.effector_states[:, 1, 8]
     assert np.abs(volume).max() <= 5e-4
-    assert not flight.trajectory.thrust[:, 1, :8].any()
+    assert not flight.trajectory.effector_states[:, 1, :8].any()
 
 
 def test_unknown_kinds_and_lacking_plugins_are_refused(

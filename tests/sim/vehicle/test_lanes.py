@@ -64,7 +64,7 @@ def both_ways(monkeypatch: pytest.MonkeyPatch, ocean: Ocean = CALM) -> tuple[Pla
 
 def require_same_state(one: Plant, other: Plant) -> None:
     assert one.time == other.time
-    for name in ("pose", "twist", "thrust"):
+    for name in ("pose", "twist", "effector_states"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
@@ -106,7 +106,7 @@ def test_what_fails_is_told_as_of_vehicles_alone(
     plants = both_ways(monkeypatch)
     for plant in plants:
         steer(plant, 2)
-    command = np.zeros(plants[0].thrust.shape)
+    command = np.zeros(plants[0].effector_states.shape)
     command[hull, 0] = np.nan
     told = [message_of_failed_step(plant, command) for plant in plants]
     assert told[0] == told[1]

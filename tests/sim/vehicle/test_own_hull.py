@@ -201,7 +201,7 @@ def test_the_hull_of_the_file_is_flown(folder: Path) -> None:
     own, usual = (
         laisn_sim.fly(source, {"duration_s": 60}) for source in (folder / "mine.toml", "T2")
     )
-    thrusts = [flight.trajectory.thrust[-200:, 1, 0].mean() for flight in (own, usual)]
+    thrusts = [flight.trajectory.effector_states[-200:, 1, 0].mean() for flight in (own, usual)]
     speed = usual.trajectory.forward_speed[-200:, 1]
     more = 0.5 * 1026 * 0.2128 * 0.05596 * np.mean(speed**2)
     assert thrusts[0] - thrusts[1] == pytest.approx(more, rel=0.02)

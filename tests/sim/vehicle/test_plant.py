@@ -133,7 +133,9 @@ def test_effectors_follow_commands_within_their_limits_by_a_first_order_lag() ->
     plant = Plant(setups(), Ocean())
     plant.step(np.array([[500.0, 8, -6, 3, -5], [12, -5, 6, -2, 300]]), 50)
     wanted = np.array([[150.0, 8, -6, 3, -5], [12, -5, 6, -2, 25]])
-    np.testing.assert_allclose(plant.thrust, wanted * (1.0 - np.exp(-1.0 / 0.3)), rtol=1e-12)
+    np.testing.assert_allclose(
+        plant.effector_states, wanted * (1.0 - np.exp(-1.0 / 0.3)), rtol=1e-12
+    )
 
 
 def test_a_wrench_beyond_all_numbers_is_found() -> None:
@@ -198,10 +200,10 @@ def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None
     plant.step(np.full((2, 5), 1e4), 15)
     # a first-order lag of 0.3 s reaches 1 − 1/e after 0.3 s
     np.testing.assert_allclose(
-        plant.thrust, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9
+        plant.effector_states, (1 - np.exp(-1)) * plant.effectors["limits"][..., 1], rtol=1e-9
     )
     plant.step(np.full((2, 5), -1e4), 500)
-    np.testing.assert_allclose(plant.thrust, plant.effectors["limits"][..., 0], rtol=1e-9)
+    np.testing.assert_allclose(plant.effector_states, plant.effectors["limits"][..., 0], rtol=1e-9)
 
 
 def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,7 @@ def test_an_autopilot_holds_its_speed_with_unknown_drag():
     )
     speeds = [np.hypot(*t.velocity[-300:, 0, :2].T).mean() for t in (more, usual)]
     assert speeds[0] == pytest.approx(speeds[1], abs=0.01)
-    thrusts = [t.thrust[-300:, 0, 0].mean() for t in (more, usual)]
+    thrusts = [t.effector_states[-300:, 0, 0].mean() for t in (more, usual)]
     assert thrusts[0] / thrusts[1] == pytest.approx(1.4, rel=0.03)
 
 

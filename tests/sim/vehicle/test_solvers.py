@@ -115,7 +115,7 @@ def fly(engine: Engine, model: str, time: float, *settings: str) -> Trajectory:
 
 def require_same_flight(model: str, time: float, *settings: str) -> None:
     direct, mujoco = (fly(engine, model, time, *settings) for engine in ("direct", "mujoco"))
-    for name in ("pose", "twist", "thrust", "water_velocity"):
+    for name in ("pose", "twist", "effector_states", "water_velocity"):
         values = getattr(direct, name)
         np.testing.assert_allclose(values, getattr(mujoco, name), rtol=0, atol=AGREEMENT_M)
     # not the same computation twice

@@ -108,7 +108,7 @@ def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
     a, b = (simulate(Plant(setups(routes), Ocean()), routes, 50.0) for _ in range(2))
     assert a.position.tobytes() == b.position.tobytes()
-    assert a.thrust.tobytes() == b.thrust.tobytes()
+    assert a.effector_states.tobytes() == b.effector_states.tobytes()
 
 
 def test_the_record_is_that_of_the_plant():
@@ -119,7 +119,7 @@ def test_the_record_is_that_of_the_plant():
     assert np.array_equal(flown.position[-1], plant.pose[:, :3])
     assert np.array_equal(flown.quaternion[-1], plant.pose[:, 3:])
     assert np.array_equal(flown.velocity[-1], plant.twist[:, :3])
-    assert np.array_equal(flown.thrust[-1], plant.thrust)
+    assert np.array_equal(flown.effector_states[-1], plant.effector_states)
     mujoco.mj_kinematics(plant.model, plant.data)
     assert flown.site_position[-1] == pytest.approx(plant.data.site_xpos)
     # velocity is the derivative of position: central differences are off by the third derivative,
