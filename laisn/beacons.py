@@ -64,7 +64,7 @@ class BeaconBelief(NamedTuple):
     covariance: Floats  # shape (CAPACITY, n, n)
     weight: Floats  # shape (CAPACITY,); sum 1 over those alive
     outcome: Records  # whether it used the last range: field `used`, shape (CAPACITY,)
-    states: int  # n, number of states
+    n_states: int  # n, number of states
     # number of hypotheses, of one component each, shape (1,); `laisn.mixture` reads this name
     n_hypotheses: Ints
     evidence: Floats  # logarithm of the probability density of all ranges so far, shape (1,)
@@ -72,7 +72,7 @@ class BeaconBelief(NamedTuple):
     first: Ints  # index of each beacon's first state, shape (B,)
     variance: Floats  # of each beacon's random error, as estimated so far, shape (B,), [m²]
     rejected: Ints  # ranges of each beacon rejected in a row, shape (B,)
-    gain: Floats  # room for P Hᵀ, which is not divided by S yet, shape (n,)
+    ph: Floats  # room for P Hᵀ, which is not divided by S yet, shape (n,)
 
 
 @compiled
@@ -86,7 +86,7 @@ def predict(
     `errors` are the random walk of the position that odometry does not see [m/√s], and of the
     heading [rad/√s].
     """
-    n = b.states
+    n = b.n_states
     slip, heading_walk = errors
     for k in range(b.n_hypotheses[0]):
         x = b.state[k]
@@ -144,7 +144,7 @@ def predict_track(
     The true displacement is Rot(ψ) Δ, with Rot anticlockwise, and the place's error grows by
     Rot(ψ) Δ − Δ. `errors` are the random walks of its place [m/√s] and of its heading [rad/√s].
     """
-    n = b.states
+    n = b.n_states
     slip, heading_walk = errors
     east = b.first[beacon] + _PLACE_EAST
     north = b.first[beacon] + _PLACE_NORTH
@@ -199,7 +199,7 @@ def moments(b: BeaconBelief, speed: float, heading: float) -> tuple[Floats, Floa
     mean = np.zeros(4)
     covariance = np.zeros((4, 4))
     # derivatives of x, y, vx, vy by the states, and a row that `mixture.add_moments` works in
-    rows = np.zeros((5, b.states))
+    rows = np.zeros((5, b.n_states))
     if b.n_hypotheses[0] == 0:
         return mean + np.nan, covariance + np.nan
     east = north = 0.0
@@ -247,7 +247,7 @@ class RangeMeasurement(NamedTuple):
 
 @compiled
 def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, float, float]:
-    """Predict a range for component k; P Hᵀ goes into `b.gain`.
+    """Predict a range for component k; P Hᵀ goes into `b.ph`.
 
     Second-order terms follow Bar-Shalom, Li & Kirubarajan 2001, Section 10.3.2: ½ tr(F C) in the
     mean and ½ tr((F C)²) in the variance, with the range's second derivatives F and the covariance
@@ -256,7 +256,7 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     """
     x = b.state[k]
     P = b.covariance[k]
-    n = b.states
+    n = b.n_states
     offset = b.first[z.beacon] + _OFFSET
     place_east = b.first[z.beacon] + _PLACE_EAST
     place_north = b.first[z.beacon] + _PLACE_NORTH
@@ -268,18 +268,18 @@ def predict_range(b: BeaconBelief, k: int, z: RangeMeasurement) -> tuple[float, 
     scale = 1.0 + x[RANGE_SCALE]
     hx, hy = scale * dx / distance, scale * dy / distance
     for j in range(n):
-        b.gain[j] = (
+        b.ph[j] = (
             hx * (P[j, X] - P[j, place_east])
             + hy * (P[j, Y] - P[j, place_north])
             + distance * P[j, RANGE_SCALE]
             + P[j, offset]
         )
-    gain = b.gain
+    ph = b.ph
     variance = (
-        hx * (gain[X] - gain[place_east])
-        + hy * (gain[Y] - gain[place_north])
-        + distance * gain[RANGE_SCALE]
-        + gain[offset]
+        hx * (ph[X] - ph[place_east])
+        + hy * (ph[Y] - ph[place_north])
+        + distance * ph[RANGE_SCALE]
+        + ph[offset]
     )
     cxx = P[X, X] - 2.0 * P[X, place_east] + P[place_east, place_east]
     cyy = P[Y, Y] - 2.0 * P[Y, place_north] + P[place_north, place_north]
@@ -310,7 +310,7 @@ def update(b: BeaconBelief, k: int, z: RangeMeasurement) -> float:
     b.outcome[k].used = not density < z.log_density_outlier
     if density < z.log_density_outlier:
         return z.log_density_outlier
-    mixture.update_scalar(b.state[k], b.covariance[k], b.gain, residual, variance, b.states)
+    mixture.update_scalar(b.state[k], b.covariance[k], b.ph, residual, variance, b.n_states)
     return density
 
 
@@ -336,8 +336,8 @@ def _split_component(b: BeaconBelief, k: int, z: RangeMeasurement) -> None:
     """
     x = b.state[k]
     P = b.covariance[k]
-    n = b.states
-    column = b.gain
+    n = b.n_states
+    column = b.ph
     place_east = b.first[z.beacon] + _PLACE_EAST
     place_north = b.first[z.beacon] + _PLACE_NORTH
     dx, dy = x[X] - z.east - x[place_east], x[Y] - z.north - x[place_north]
@@ -424,7 +424,7 @@ def add_ring(b: BeaconBelief, z: RangeMeasurement, weight: float, lost: bool) ->
         P = b.covariance[k]
         if lost:
             mixture.copy_component(b, 0, k)
-            for j in range(b.states):
+            for j in range(b.n_states):
                 P[X, j] = P[Y, j] = P[j, X] = P[j, Y] = 0.0
             P[HEADING_ERROR, HEADING_ERROR] += b.prior_variance[HEADING_ERROR]
         else:
@@ -535,14 +535,14 @@ def _allocate(s: BeaconSettings, moving: Bools) -> BeaconBelief:
         covariance=np.zeros((CAPACITY, n, n)),
         weight=np.zeros(CAPACITY),
         outcome=np.zeros(CAPACITY, dtype=[("used", np.bool_)]),
-        states=n,
+        n_states=n,
         n_hypotheses=np.zeros(1, dtype=np.int64),
         evidence=np.zeros(1),
         prior_variance=prior_variance,
         first=(SHARED + np.cumsum(counts) - counts).astype(np.int64),
         variance=np.full(beacons, s.range_sigma**2),
         rejected=np.zeros(beacons, dtype=np.int64),
-        gain=np.zeros(n),
+        ph=np.zeros(n),
     )
 
 
@@ -563,15 +563,15 @@ def with_beacon(
     """BeaconBelief with the states of one more beacon, which may move by odometry of its own, with
     the mean and variance of the prior.
     """
-    counts = np.diff(belief.first, append=belief.states)
+    counts = np.diff(belief.first, append=belief.n_states)
     extended = _allocate(settings, np.append(counts == STATES_MOVING, moves))
-    states = belief.states
+    n_states = belief.n_states
     # what is not alive stays untouched, and takes no memory
     alive = slice(int(belief.n_hypotheses[0]))
-    added = np.arange(states, extended.states)
-    extended.state[alive, :states] = belief.state[alive]
-    extended.covariance[alive, :states, :states] = belief.covariance[alive]
-    extended.covariance[alive, added, added] = extended.prior_variance[states:]
+    added = np.arange(n_states, extended.n_states)
+    extended.state[alive, :n_states] = belief.state[alive]
+    extended.covariance[alive, :n_states, :n_states] = belief.covariance[alive]
+    extended.covariance[alive, added, added] = extended.prior_variance[n_states:]
     extended.variance[:-1] = belief.variance
     extended.rejected[:-1] = belief.rejected
     return extended._replace(

@@ -35,7 +35,7 @@ class Mixture(Protocol):
         """Records of the result of the last update, which copies keep, shape (c,)."""
 
     @property
-    def states(self) -> int:
+    def n_states(self) -> int:
         """Number n of states in use."""
 
 
@@ -69,17 +69,17 @@ def blend(mean: Floats, covariance: Floats, first: int, second: int, share: floa
 
 @compiled
 def update_scalar(
-    mean: Floats, covariance: Floats, gain: Floats, residual: float, variance: float, n: int
+    mean: Floats, covariance: Floats, ph: Floats, residual: float, variance: float, n: int
 ) -> None:
-    """Kalman update of n states x, P with one number of residual ν and variance S; `gain` is P Hᵀ,
+    """Kalman update of n states x, P with one number of residual ν and variance S; `ph` is P Hᵀ,
     not yet divided by S.
     """
     # x += K ν and P −= K S Kᵀ with K = P Hᵀ / S
     for i in range(n):
-        share = gain[i] / variance
+        share = ph[i] / variance
         mean[i] += share * residual
         for j in range(i + 1):
-            covariance[i, j] -= share * gain[j]
+            covariance[i, j] -= share * ph[j]
             covariance[j, i] = covariance[i, j]
 
 
@@ -87,9 +87,9 @@ def update_scalar(
 def copy_component(b: Mixture, source: int, target: int) -> None:
     """Copy a component."""
     b.weight[target], b.outcome[target] = b.weight[source], b.outcome[source]
-    for i in range(b.states):
+    for i in range(b.n_states):
         b.state[target, i] = b.state[source, i]
-        for j in range(b.states):
+        for j in range(b.n_states):
             b.covariance[target, i, j] = b.covariance[source, i, j]
 
 
@@ -106,9 +106,9 @@ def reset_component(b: Mixture, k: int, variance: Floats) -> None:
     variances, shape (n,).
     """
     b.weight[k] = 0.0
-    for i in range(b.states):
+    for i in range(b.n_states):
         b.state[k, i] = 0.0
-        for j in range(b.states):
+        for j in range(b.n_states):
             b.covariance[k, i, j] = 0.0
         b.covariance[k, i, i] = variance[i]
 
@@ -160,7 +160,7 @@ def merge_components(b: Mixture, i: int, j: int) -> None:
     if total > 0.0:
         if b.weight[j] > b.weight[i]:
             b.outcome[i] = b.outcome[j]
-        blend(b.state, b.covariance, i, j, b.weight[j] / total, b.states)
+        blend(b.state, b.covariance, i, j, b.weight[j] / total, b.n_states)
     b.weight[i] = total
 
 

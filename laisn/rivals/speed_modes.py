@@ -111,11 +111,11 @@ def update_log(x: Floats, P: Floats, weights: Floats, reading: float, sigma: flo
     log_likelihoods = np.empty(weights.size)
     for mode in range(weights.size):
         # H has ones at the speed and at the log's bias: K = P Hᵀ / S
-        gain = P[mode, :, SPEED] + P[mode, :, LOG_BIAS]
-        variance = gain[SPEED] + gain[LOG_BIAS] + sigma**2
+        ph = P[mode, :, SPEED] + P[mode, :, LOG_BIAS]
+        variance = ph[SPEED] + ph[LOG_BIAS] + sigma**2
         innovation = reading - (x[mode, SPEED] + x[mode, LOG_BIAS])
-        x[mode] += gain * (innovation / variance)
-        P[mode] -= np.outer(gain, gain) / variance
+        x[mode] += ph * (innovation / variance)
+        P[mode] -= np.outer(ph, ph) / variance
         log_likelihoods[mode] = -0.5 * (innovation**2 / variance + np.log(variance))
     update_weights(weights, log_likelihoods)
 

@@ -26,7 +26,7 @@ from laisn.tight.records import (
     CompassTurn,
     GaussianMixture,
     Model,
-    Signal,
+    RangeMessage,
 )
 from laisn.vector_math import half_turn_angle, sin_cos
 
@@ -46,10 +46,10 @@ _MERGE_DISTANCE_BESIDE_ERRORS = 2.0
 
 @compiled
 def _lateral_offset(
-    b: GaussianMixture, m: Model, k: int, signal: Signal
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage
 ) -> tuple[float, float, float]:
     """Distance ℓ of component k to the left of the line from transmitter 1 to 2, with P ∇ℓ in
-    `b.gain`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
+    `b.ph`; its variance; and the distance ℓ_c at which the axis matters: where the difference of
     both ranges has bent by 1.4 of their errors.
     """
     # vectors, east and north: e from transmitter 1 to 2 at the broadcast heading, t that direction
@@ -57,20 +57,20 @@ def _lateral_offset(
     # the follower between both pings adds to the axis
     x = b.state
     P = b.covariance
-    arms = signal.arms
-    gain = b.gain
-    has_leader_bias = m.leader != ABSENT
-    s, c = sin_cos(x[k, m.leader] if has_leader_bias else 0.0)
+    arms = message.arms
+    ph = b.ph
+    has_leader_bias = m.leader_bias != ABSENT
+    s, c = sin_cos(x[k, m.leader_bias] if has_leader_bias else 0.0)
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
-    qx, qy = relative_position(b, m, k, signal)
-    if signal.late:
+    qx, qy = relative_position(b, m, k, message)
+    if message.late:
         _, _, vx, vy = velocity_over_pings(b, k)
         # the axis of the places from which the pings seem to come
-        rx, ry = (signal.lag[1] - signal.lag[0]) * vx, (signal.lag[1] - signal.lag[0]) * vy
+        rx, ry = (message.lag[1] - message.lag[0]) * vx, (message.lag[1] - message.lag[0]) * vy
         ex += c * rx + s * ry
         ey += c * ry - s * rx
-        qx -= signal.lag[0] * vx
-        qy -= signal.lag[0] * vy
+        qx -= message.lag[0] * vx
+        qy -= message.lag[0] * vy
     length = math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
     relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
@@ -80,50 +80,54 @@ def _lateral_offset(
     gy = tx
     gl = -(tx * qx + ty * qy)
     # P ∇ℓ, and its variance ∇ℓᵀ P ∇ℓ
-    for i in range(m.states):
-        gain[i] = relative_cov_x[i] * gx + relative_cov_y[i] * gy
+    for i in range(m.n_states):
+        ph[i] = relative_cov_x[i] * gx + relative_cov_y[i] * gy
         if has_leader_bias:
-            gain[i] += P[k, i, m.leader] * gl
-    variance = gain[X] * gx + gain[Y] * gy
+            ph[i] += P[k, i, m.leader_bias] * gl
+    variance = ph[X] * gx + ph[Y] * gy
     if m.leader_position != ABSENT:
-        variance -= gain[m.leader_position] * gx + gain[m.leader_position + 1] * gy
+        variance -= ph[m.leader_position] * gx + ph[m.leader_position + 1] * gy
     if m.leader_position_walk != ABSENT:
-        variance -= gain[m.leader_position_walk] * gx + gain[m.leader_position_walk + 1] * gy
+        variance -= ph[m.leader_position_walk] * gx + ph[m.leader_position_walk + 1] * gy
     if has_leader_bias:
-        variance += gain[m.leader] * gl
+        variance += ph[m.leader_bias] * gl
     critical = math.sqrt(qx * qx + qy * qy) * math.sqrt(2.8 * m.range_sigma / length)
     return tx * oy - ty * ox, variance, critical
 
 
 @compiled
-def _truncate_to_side(b: GaussianMixture, m: Model, k: int, signal: Signal, side: float) -> None:
+def _truncate_to_side(
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, side: float
+) -> None:
     """Replace component k by its part on one side of the axis: left for +1, right for −1; with
     its exact moments.
     """
     x = b.state
     P = b.covariance
-    gain = b.gain
-    lateral, variance, _ = _lateral_offset(b, m, k, signal)
+    g = b.ph
+    lateral, variance, _ = _lateral_offset(b, m, k, message)
     sigma = math.sqrt(variance)
     mass, shift, narrowing = mixture.half_moments(side * lateral / sigma)
     b.weight[k] *= mass
     # of the half of a normal variable u = (ℓ − ℓ̄) / σ: x += ± λ g, P −= λ (λ + z) g gᵀ with
     # g = P ∇ℓ / σ, as of `half_moments`
-    for i in range(m.states):
-        gain[i] /= sigma
-        x[k, i] += side * shift * gain[i]
+    for i in range(m.n_states):
+        g[i] /= sigma
+        x[k, i] += side * shift * g[i]
         for j in range(i + 1):
-            P[k, i, j] -= narrowing * gain[i] * gain[j]
+            P[k, i, j] -= narrowing * g[i] * g[j]
             P[k, j, i] = P[k, i, j]
 
 
 @compiled
-def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
+def split(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
     """Split every hypothesis that is wide enough at the leader's axis for both of its sides to
     matter.
     """
     for h in range(b.n_hypotheses):
-        lateral, variance, critical = _lateral_offset(b, m, mixture.heaviest(b, m.modes, h), signal)
+        lateral, variance, critical = _lateral_offset(
+            b, m, mixture.heaviest(b, m.modes, h), message
+        )
         threshold = min(_SPLIT * critical, _MAX_SPLIT_SIGMA)
         is_wide = variance > threshold * threshold and abs(lateral) < _REACH * math.sqrt(variance)
         if b.n_hypotheses < CAPACITY and is_wide:
@@ -131,8 +135,8 @@ def split(b: GaussianMixture, m: Model, signal: Signal) -> None:
             b.n_hypotheses += 1
             mixture.copy_hypothesis(b, m.modes, h, other)
             for mode in range(m.modes):
-                _truncate_to_side(b, m, h * m.modes + mode, signal, 1.0)
-                _truncate_to_side(b, m, other * m.modes + mode, signal, -1.0)
+                _truncate_to_side(b, m, h * m.modes + mode, message, 1.0)
+                _truncate_to_side(b, m, other * m.modes + mode, message, -1.0)
 
 
 @compiled
@@ -144,7 +148,7 @@ def prune_and_merge(b: GaussianMixture, m: Model) -> None:
         _MERGE_DISTANCE if m.leader_position == ABSENT else _MERGE_DISTANCE_BESIDE_ERRORS
     )
     b.n_hypotheses = mixture.prune_and_merge(
-        b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader, merge_distance
+        b, m.modes, b.n_hypotheses, _MIN_WEIGHT, HYPOTHESES, m.leader_bias, merge_distance
     )
     mixture.normalise(b.weight, b.n_hypotheses * m.modes)
 
@@ -168,21 +172,21 @@ def _rotate_to_bias(b: GaussianMixture, m: Model, k: int) -> None:
     P = b.covariance
     by_bias_x = -b.state[k, Y]
     by_bias_y = b.state[k, X]
-    bias_variance = b.prior_variance[m.leader]
+    bias_variance = b.prior_variance[m.leader_bias]
     heading_variance = bias_variance + b.leader_variance
     # P += (v + σ_b²) g gᵀ of the position, with g = ∂(x, y)/∂b_L, and σ_b² g with b_L
     P[k, X, X] += heading_variance * by_bias_x * by_bias_x
     P[k, Y, Y] += heading_variance * by_bias_y * by_bias_y
     P[k, X, Y] += heading_variance * by_bias_x * by_bias_y
     P[k, Y, X] = P[k, X, Y]
-    P[k, X, m.leader] = P[k, m.leader, X] = bias_variance * by_bias_x
-    P[k, Y, m.leader] = P[k, m.leader, Y] = bias_variance * by_bias_y
-    P[k, m.leader, m.leader] = bias_variance
+    P[k, X, m.leader_bias] = P[k, m.leader_bias, X] = bias_variance * by_bias_x
+    P[k, Y, m.leader_bias] = P[k, m.leader_bias, Y] = bias_variance * by_bias_y
+    P[k, m.leader_bias, m.leader_bias] = bias_variance
 
 
 @compiled
 def _merge_ring(
-    b: GaussianMixture, m: Model, signal: Signal, first: int, mean: tuple[float, float]
+    b: GaussianMixture, m: Model, message: RangeMessage, first: int, mean: tuple[float, float]
 ) -> bool:
     """Update a Gaussian at each bearing, and merge those left and right of the axis into `first`
     and `first` + modes.
@@ -193,11 +197,11 @@ def _merge_ring(
     nearest = 0
     shortest = math.inf
     for i in range(m.transmitters):
-        if signal.ranges[i] < shortest:
+        if message.ranges[i] < shortest:
             nearest = i
-            shortest = signal.ranges[i]
-    centre = (signal.arms[nearest, 0], signal.arms[nearest, 1])
-    depth_difference = signal.arms[nearest, 2]
+            shortest = message.ranges[i]
+    centre = (message.arms[nearest, 0], message.arms[nearest, 1])
+    depth_difference = message.arms[nearest, 2]
     distance = math.sqrt(max(shortest * shortest - depth_difference * depth_difference, 1.0))
     best = -math.inf
     for h in range(2):
@@ -207,11 +211,11 @@ def _merge_ring(
             direction = sin_cos(2.0 * math.pi * (j + 0.5) / _BEARINGS)
             mixture.reset_component(b, SPARE, b.prior_variance)
             motion.start_speed(b, m, SPARE)
-            if m.leader != ABSENT:
-                b.covariance[SPARE, m.leader, m.leader] = 0.0
+            if m.leader_bias != ABSENT:
+                b.covariance[SPARE, m.leader_bias, m.leader_bias] = 0.0
             ring = (_RADIAL_VARIANCE, _BEARINGS)
             mixture.place_on_ring(b, SPARE, centre, distance, direction, ring)
-            if update(b, m, SPARE, signal) < 0:
+            if update(b, m, SPARE, message) < 0:
                 return False
             evidence = b.evidence[SPARE]
             dx, dy = b.state[SPARE, X] - mean[0], b.state[SPARE, Y] - mean[1]
@@ -219,7 +223,7 @@ def _merge_ring(
                 square = (dx * dx + dy * dy) / (_POSITION_SIGMA * _POSITION_SIGMA)
                 evidence += math.log(_FAR_WEIGHT + math.exp(-0.5 * square))
             if merging:
-                left = _lateral_offset(b, m, SPARE, signal)[0] > 0.0
+                left = _lateral_offset(b, m, SPARE, message)[0] > 0.0
                 b.weight[SPARE] = math.exp(evidence - best)
                 mixture.merge_components(b, first if left else first + m.modes, SPARE)
             else:
@@ -228,22 +232,22 @@ def _merge_ring(
 
 
 @compiled
-def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> bool:
+def add_ring(b: GaussianMixture, m: Model, message: RangeMessage, weight: float) -> bool:
     """Add two hypotheses, of `weight` together, of a message with two ranges or more; there must be
     room, and `SPARE`.
 
     False if a covariance was not positive definite.
     """
     first = b.n_hypotheses * m.modes
-    mean = (b.output.x - signal.east, b.output.y - signal.north)
-    east = signal.east
-    north = signal.north
+    mean = (b.output.x - message.east, b.output.y - message.north)
+    east = message.east
+    north = message.north
     variance = b.leader_variance
     # about the leader, and with its heading as broadcast
-    signal.east = signal.north = b.leader_variance = 0.0
-    healthy = _merge_ring(b, m, signal, first, mean)
-    signal.east = east
-    signal.north = north
+    message.east = message.north = b.leader_variance = 0.0
+    healthy = _merge_ring(b, m, message, first, mean)
+    message.east = east
+    message.north = north
     b.leader_variance = variance
     total = b.weight[first] + b.weight[first + m.modes]
     if not healthy or not total > 0.0:
@@ -256,10 +260,10 @@ def add_ring(b: GaussianMixture, m: Model, signal: Signal, weight: float) -> boo
             # nothing was left on the other side
             mixture.copy_component(b, first + m.modes, first)
         if b.weight[k] > 0.0:
-            if m.leader != ABSENT:
+            if m.leader_bias != ABSENT:
                 _rotate_to_bias(b, m, k)
-            b.state[k, X] += signal.east
-            b.state[k, Y] += signal.north
+            b.state[k, X] += message.east
+            b.state[k, Y] += message.north
             b.weight[k] *= weight / (total * m.modes)
             for mode in range(1, m.modes):
                 mixture.copy_component(b, k, k + mode)
@@ -290,21 +294,21 @@ _TURN_OVER_AFTER = 10.0  # a turn is over where it has not gone on for so long [
 
 
 @compiled
-def largest_echo_excess(m: Model, signal: Signal, leader_below: float) -> float:
+def largest_echo_excess(m: Model, message: RangeMessage, leader_below: float) -> float:
     """By how much the range of an echo may exceed the direct one, at most [m]; the leader's origin
     is `leader_below` the hydrophone [m].
 
     With d and d' the distances of both vehicles from the surface or the floor, an echo's way is
     √(r² + 4 d d'); of a range that is an echo's itself r is shorter, but not by more than d − d'.
     """
-    leader_depth = signal.depth
-    receiver_depth = signal.depth - leader_below
+    leader_depth = message.depth
+    receiver_depth = message.depth - leader_below
     product = leader_depth * receiver_depth
     if m.floor_depth > 0.0:
         product = max(product, (m.floor_depth - leader_depth) * (m.floor_depth - receiver_depth))
     largest = 0.0
     for i in range(m.transmitters):
-        echo = signal.ranges[i]
+        echo = message.ranges[i]
         if product > 0.0 and echo == echo:
             direct = math.sqrt(max(echo * echo - 4.0 * product, leader_below * leader_below))
             largest = max(largest, echo - direct)
@@ -315,7 +319,9 @@ _ECHO_MARGIN = 1.0  # errors of depths and ranges [m]
 
 
 @compiled
-def place_arms(signal: Signal, m: Model, pitch: float, roll: float, leader_below: float) -> None:
+def place_arms(
+    message: RangeMessage, m: Model, pitch: float, roll: float, leader_below: float
+) -> None:
     """Fill in the arms of the transmitters at the broadcast heading, pitch and roll [rad] (level
     where either is NaN).
 
@@ -324,9 +330,9 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, leader_below
     """
     if leader_below != leader_below:
         for i in range(3):
-            signal.ranges[i] = np.nan
-    signal.echo_span = largest_echo_excess(m, signal, leader_below)
-    heading = SinCos(*sin_cos(signal.heading))
+            message.ranges[i] = np.nan
+    message.echo_span = largest_echo_excess(m, message, leader_below)
+    heading = SinCos(*sin_cos(message.heading))
     pitched = SinCos(0.0, 1.0)
     rolled = SinCos(0.0, 1.0)
     if m.use_attitude and pitch == pitch and roll == roll:
@@ -335,7 +341,7 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, leader_below
     placed = tilted_arms(m.baseline, m.middle_offset, heading, pitched, rolled)
     east, north, up = placed.front
     middle_east, middle_north, middle_up = placed.middle
-    arms = signal.arms
+    arms = message.arms
     arms[0, 0] = -east
     arms[0, 1] = -north
     arms[0, 2] = leader_below + up
@@ -346,7 +352,7 @@ def place_arms(signal: Signal, m: Model, pitch: float, roll: float, leader_below
     arms[2, 1] = middle_north
     arms[2, 2] = leader_below - middle_up
     # the leader goes on from ping to ping
-    distance = m.ping_slot * signal.speed
+    distance = m.ping_slot * message.speed
     for i in range(1, 3):
         arms[i, 0] += i * distance * heading.sine
         arms[i, 1] += i * distance * heading.cosine
@@ -392,35 +398,35 @@ def _turn_growth(
 
 
 @compiled
-def inflate_bias_covariance(b: GaussianMixture, m: Model, signal: Signal) -> None:
+def inflate_bias_covariance(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
     """Inflate bias covariances before an update: by a share of the whole turns since the last
     message, where compasses have a deviation, and by the error of the leg's heading. Takes the
     variance of the message's position for the belief too.
     """
     o = b.motion
-    has_leader_bias = m.leader != ABSENT
+    has_leader_bias = m.leader_bias != ABSENT
     compass_growth = 0.0
     leader_growth = 0.0
-    b.leader_position_variance = signal.leader_position_variance
+    b.leader_position_variance = message.leader_position_variance
     if m.deviation > 0.0:
         compass_growth = m.deviation * _turn_growth(
             b.turn, (o.sin, o.cos), _NEGLIGIBLE_TURN, o.elapsed
         )
         if has_leader_bias:
             leader_growth = m.deviation * _turn_growth(
-                b.leader_turn, sin_cos(signal.heading), _NEGLIGIBLE_LEADER_TURN, o.elapsed
+                b.leader_turn, sin_cos(message.heading), _NEGLIGIBLE_LEADER_TURN, o.elapsed
             )
     for k in range(b.n_hypotheses * m.modes):
         b.covariance[k, COMPASS_BIAS, COMPASS_BIAS] += compass_growth
         if has_leader_bias:
-            b.state[k, m.leader] += signal.shift
-            b.covariance[k, m.leader, m.leader] += leader_growth
-            b.covariance[k, m.leader, m.leader] += signal.added_variance
+            b.state[k, m.leader_bias] += message.shift
+            b.covariance[k, m.leader_bias, m.leader_bias] += leader_growth
+            b.covariance[k, m.leader_bias, m.leader_bias] += message.added_variance
 
 
 @compiled
 def _propagate_iterated(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, range_model: Model
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, range_model: Model
 ) -> bool:
     """Predict component k; where its compass bias bends the way too much, at the biases of a
     first update.
@@ -440,7 +446,7 @@ def _propagate_iterated(
     if 0.5 * b.covariance[k, COMPASS_BIAS, COMPASS_BIAS] * distance >= _MAX_WAY_BEND:
         mixture.copy_component(b, k, SPARE)
         motion.predict_component(b, m, k, log_bias, compass_bias)
-        healthy = update(b, range_model, k, signal) >= 0
+        healthy = update(b, range_model, k, message) >= 0
         log_bias = x[k, LOG_BIAS]
         compass_bias = x[k, COMPASS_BIAS]
         mixture.copy_component(b, SPARE, k)
@@ -462,7 +468,7 @@ def update_leader_variance(b: GaussianMixture, m: Model) -> None:
 
 @compiled
 def _check_consistency(
-    b: GaussianMixture, m: Model, signal: Signal, received: int, used: int
+    b: GaussianMixture, m: Model, message: RangeMessage, received: int, used: int
 ) -> bool:
     """Smooth the NIS, and reinitialise or inflate a belief that the ranges do not fit; False if
     that failed.
@@ -480,7 +486,7 @@ def _check_consistency(
     if received > 1 and not from_echoes and not b.smoothed_nis < _INCONSISTENT_NIS:
         b.smoothed_nis = 1.0
         refresh_output(b, m)
-        if not add_ring(b, m, signal, _RING_WEIGHT):
+        if not add_ring(b, m, message, _RING_WEIGHT):
             return False
     b.missed_updates = 0.0 if used > 0 else b.missed_updates + 1.0
     if b.missed_updates >= _MAX_MISSED:
@@ -497,46 +503,46 @@ _NEGLIGIBLE_DELAY = 1e-3  # an arrival within this time is now [s]
 
 
 @compiled
-def _time_pings(b: GaussianMixture, m: Model, signal: Signal) -> None:
-    """Write into `signal` how long ago each ping arrived, `lag`, and for how long the current has
+def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
+    """Write into `message` how long ago each ping arrived, `lag`, and for how long the current has
     carried both vehicles, `drift_time`; `late` is 1 if any of them counts, else 0.
     """
-    signal.late = 0
+    message.late = 0
     if not m.compensate_motion:
         return
     last = 0.0
     for i in range(m.transmitters):
-        if signal.ranges[i] == signal.ranges[i]:
-            last = max(last, i * m.ping_slot + m.sound_slowness * signal.ranges[i])
-    elapsed = b.motion.clock - signal.time
+        if message.ranges[i] == message.ranges[i]:
+            last = max(last, i * m.ping_slot + m.sound_slowness * message.ranges[i])
+    elapsed = b.motion.clock - message.time
     # zero states no time
-    if signal.time == 0.0 or not last <= elapsed <= _LONGEST_DELAY:
+    if message.time == 0.0 or not last <= elapsed <= _LONGEST_DELAY:
         elapsed = last
     for i in range(m.transmitters):
-        signal.lag[i] = signal.drift_time[i] = 0.0
-        if signal.ranges[i] == signal.ranges[i]:
-            travel_time = m.sound_slowness * signal.ranges[i]
+        message.lag[i] = message.drift_time[i] = 0.0
+        if message.ranges[i] == message.ranges[i]:
+            travel_time = m.sound_slowness * message.ranges[i]
             # over the lag, since it arrived, the follower has gone on; over the drift time, which
             # begins with the message and not with this ping, the current has carried both vehicles
-            signal.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
-            signal.drift_time[i] = max(elapsed - travel_time, 0.0)
-            if signal.drift_time[i] > _NEGLIGIBLE_DELAY:
-                signal.late = 1
+            message.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
+            message.drift_time[i] = max(elapsed - travel_time, 0.0)
+            if message.drift_time[i] > _NEGLIGIBLE_DELAY:
+                message.late = 1
 
 
 @compiled
-def _begin(b: GaussianMixture, m: Model, signal: Signal) -> int:
+def _begin(b: GaussianMixture, m: Model, message: RangeMessage) -> int:
     """Make the belief from a first message; see `receive`."""
     if m.leader_position != ABSENT:
         b.prior_variance[m.leader_position] = b.prior_variance[m.leader_position + 1] = (
-            signal.leader_position_variance
+            message.leader_position_variance
         )
     if m.leader_position_walk != ABSENT:
         walk_variance = m.leader_position_walk_rate * b.motion.clock
         b.prior_variance[m.leader_position_walk] = b.prior_variance[m.leader_position_walk + 1] = (
             walk_variance
         )
-    if not add_ring(b, m, signal, 1.0):
+    if not add_ring(b, m, message, 1.0):
         return -1
     # all ranges were used, but nothing had been expected of them that they could have missed
     for k in range(b.n_hypotheses * m.modes):
@@ -549,13 +555,13 @@ def _begin(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
+def _update_components(b: GaussianMixture, m: Model, message: RangeMessage) -> int:
     """Update all components; the most ranges that one used, −1 if a covariance was not positive
     definite.
     """
     most_ranges = 0
     for k in range(b.n_hypotheses * m.modes):
-        used = update(b, m, k, signal)
+        used = update(b, m, k, message)
         if used < 0:
             return -1
         most_ranges = max(most_ranges, used)
@@ -563,33 +569,33 @@ def _update_components(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def _use_ranges(b: GaussianMixture, m: Model, range_model: Model, signal: Signal) -> int:
+def _use_ranges(b: GaussianMixture, m: Model, range_model: Model, message: RangeMessage) -> int:
     """Predict all components to a message, and update, weigh and merge them; returns as of
     `receive`.
 
     `range_model` is the model of the link that the message came by: `m` itself for the main link.
     """
     for k in range(b.n_hypotheses * m.modes):
-        if not _propagate_iterated(b, m, k, signal, range_model):
+        if not _propagate_iterated(b, m, k, message, range_model):
             return -1
-    if not math.isnan(signal.ranges[0] + signal.ranges[1]):
-        split(b, range_model, signal)
-    most_ranges = _update_components(b, range_model, signal)
+    if not math.isnan(message.ranges[0] + message.ranges[1]):
+        split(b, range_model, message)
+    most_ranges = _update_components(b, range_model, message)
     if most_ranges < 0:
         return -1
     if b.n_hypotheses * m.modes > 1 and not motion.update_weights(b, m):
         return -1
-    if range_model.leader != ABSENT:
+    if range_model.leader_bias != ABSENT:
         update_leader_variance(b, m)
     if b.n_hypotheses > 1:
         prune_and_merge(b, m)
-    if not _check_consistency(b, range_model, signal, b.received, most_ranges):
+    if not _check_consistency(b, range_model, message, b.received, most_ranges):
         return -1
     return int(most_ranges)
 
 
 @compiled
-def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
+def receive(b: GaussianMixture, m: Model, message: RangeMessage) -> int:
     """Take a message: predict all components to its instant and update them with its ranges.
 
     A message without ranges changes nothing. With an unknown start the first message with two
@@ -598,22 +604,22 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
     """
     received = 0
     for i in range(m.transmitters):
-        received += signal.ranges[i] == signal.ranges[i]
+        received += message.ranges[i] == message.ranges[i]
     b.received = received
-    _time_pings(b, m, signal)
+    _time_pings(b, m, message)
     if received == 0:
         return 0
     if b.n_hypotheses == 0:
-        return _begin(b, m, signal) if received >= 2 else 0
+        return _begin(b, m, message) if received >= 2 else 0
     mix_modes(b, m)
-    if m.leader != ABSENT:
-        motion.average_leader_heading(b, m, signal)
-    inflate_bias_covariance(b, m, signal)
-    most_ranges = _use_ranges(b, m, m, signal)
+    if m.leader_bias != ABSENT:
+        motion.average_leader_heading(b, m, message)
+    inflate_bias_covariance(b, m, message)
+    most_ranges = _use_ranges(b, m, m, message)
     if most_ranges < 0:
         return -1
-    if m.current != ABSENT or m.leader != ABSENT:
-        motion.update_current_from_leader_track(b, m, signal)
+    if m.current != ABSENT or m.leader_bias != ABSENT:
+        motion.update_current_from_leader_track(b, m, message)
     motion.reset_preintegration(b)
     b.motion.elapsed = 0.0
     refresh_output(b, m)
@@ -621,23 +627,23 @@ def receive(b: GaussianMixture, m: Model, signal: Signal) -> int:
 
 
 @compiled
-def receive_beside(b: GaussianMixture, m: Model, link_model: Model, signal: Signal) -> int:
+def receive_beside(b: GaussianMixture, m: Model, link_model: Model, message: RangeMessage) -> int:
     """Take a message of a further link, whose model is `link_model`, of `model_beside`: as
     `receive`, but for what only the main link's messages show, which are a start, the current and
     the leader's errors.
     """
     received = 0
     for i in range(link_model.transmitters):
-        received += signal.ranges[i] == signal.ranges[i]
-    _time_pings(b, link_model, signal)
+        received += message.ranges[i] == message.ranges[i]
+    _time_pings(b, link_model, message)
     if received == 0 or b.n_hypotheses == 0:
         return 0
     b.received = received
     mix_modes(b, m)
     # the leader's compass has turned meanwhile
     b.leader_turn.still_time += b.motion.elapsed
-    inflate_bias_covariance(b, link_model, signal)
-    most_ranges = _use_ranges(b, m, link_model, signal)
+    inflate_bias_covariance(b, link_model, message)
+    most_ranges = _use_ranges(b, m, link_model, message)
     if most_ranges < 0:
         return -1
     motion.reset_preintegration(b)

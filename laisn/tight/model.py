@@ -58,7 +58,7 @@ _SPEED_SWITCHES = -0.5 * math.log(2.0 * 0.97 - 1.0)
 _DEVIATION = 0.03
 
 _OPTIONAL = {
-    "leader": 5,
+    "leader_bias": 5,
     "current": 6,
     "offset": 8,
     "clock": 10,
@@ -141,7 +141,7 @@ def model_of(settings: TightSettings) -> Model:
         for name, state in _OPTIONAL.items()
     }
     values = {
-        "states": len(layout),
+        "n_states": len(layout),
         **_modes_of(assume),
         **first_states,
         "transmitters": s.transmitters,
@@ -185,7 +185,7 @@ def model_beside(m: Model) -> Model:
     position, are as of `m`.
     """
     records = np.array([m], dtype=MODEL)
-    for state in ("leader", "offset", "leader_position_walk"):
+    for state in ("leader_bias", "offset", "leader_position_walk"):
         records[state] = ABSENT
     records["leader_variance"] = 0.0
     records["transmitters"] = 3
@@ -229,12 +229,12 @@ def new_belief(
     None: the start is unknown, and there is no hypothesis before the first message with two ranges.
     """
     # by key, as attributes of a record are slow outside of compiled code
-    names = ["states", "modes", "leader_variance", "leader_position_variance"]
-    states, modes, leader_variance, leader_position_variance = m[names].item()
+    names = ["n_states", "modes", "leader_variance", "leader_position_variance"]
+    n_states, modes, leader_variance, leader_position_variance = m[names].item()
     prior_variance = np.zeros(MAX_STATES)
-    prior_variance[:states] = np.square(list(prior_sigmas(settings).values()))
+    prior_variance[:n_states] = np.square(list(prior_sigmas(settings).values()))
     record = np.zeros(1, dtype=BELIEF)
-    record["states"] = states
+    record["n_states"] = n_states
     record["n_hypotheses"] = start is not None
     record["smoothed_nis"] = 1.0
     record["leader_variance"] = leader_variance

@@ -30,7 +30,7 @@ from laisn.mixture import (
     update_scalar,
 )
 from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y, refresh_output
-from laisn.tight.records import ABSENT, SPARE, GaussianMixture, Model, Preintegration, Signal
+from laisn.tight.records import ABSENT, SPARE, GaussianMixture, Model, Preintegration, RangeMessage
 from laisn.vector_math import sin_cos
 
 # of the log's readings, of which the speed within a message's pings is the mean [1/s]
@@ -111,8 +111,8 @@ def mix_pair(b: GaussianMixture, m: Model, first: int, second: int, switches: fl
     if new_weight <= 0.0 or new_other <= 0.0:
         return
     copy_component(b, first, SPARE)
-    blend(b.state, b.covariance, first, second, change * other_weight / new_weight, m.states)
-    blend(b.state, b.covariance, second, SPARE, change * weight / new_other, m.states)
+    blend(b.state, b.covariance, first, second, change * other_weight / new_weight, m.n_states)
+    blend(b.state, b.covariance, second, SPARE, change * weight / new_other, m.n_states)
     b.weight[first] = new_weight
     b.weight[second] = new_other
 
@@ -153,13 +153,13 @@ def _update_with_log(b: GaussianMixture, m: Model, k: int) -> float:
     """
     x = b.state[k]
     P = b.covariance[k]
-    gain = b.gain
+    ph = b.ph
     # P Hᵀ and S = H P Hᵀ + σ²
-    for i in range(m.states):
-        gain[i] = P[i, m.speed] + P[i, LOG_BIAS]
-    variance = gain[m.speed] + gain[LOG_BIAS] + m.speed_variance
+    for i in range(m.n_states):
+        ph[i] = P[i, m.speed] + P[i, LOG_BIAS]
+    variance = ph[m.speed] + ph[LOG_BIAS] + m.speed_variance
     residual = b.motion.speed - x[m.speed] - x[LOG_BIAS]
-    update_scalar(x, P, gain, residual, variance, m.states)
+    update_scalar(x, P, ph, residual, variance, m.n_states)
     likelihood: float = -0.5 * (residual * residual / variance + math.log(variance))
     return likelihood
 
@@ -246,7 +246,7 @@ def reset_position_error(b: GaussianMixture, m: Model, k: int) -> None:
     P = b.covariance
     for state in (m.leader_position, m.leader_position + 1):
         b.state[k, state] = 0.0
-        for j in range(m.states):
+        for j in range(m.n_states):
             P[k, state, j] = P[k, j, state] = 0.0
         P[k, state, state] = b.leader_position_variance
 
@@ -263,9 +263,9 @@ def _predict_clock(b: GaussianMixture, m: Model, k: int, time: float) -> None:
     drift = m.clock + 1
     half_time = time / 2.0
     x[k, offset] += time * x[k, drift]
-    for j in range(m.states):
+    for j in range(m.n_states):
         P[k, offset, j] += time * P[k, drift, j]
-    for j in range(m.states):
+    for j in range(m.n_states):
         P[k, j, offset] += time * P[k, j, drift]
     P[k, offset, offset] += m.clock_walk * time * time * time / 3.0
     P[k, offset, drift] += m.clock_walk * time * half_time
@@ -286,7 +286,7 @@ def predict_component(
     speed_index = LOG_BIAS if m.speed == ABSENT else m.speed
     x = b.state
     P = b.covariance
-    n = m.states
+    n = m.n_states
     time = b.motion.time
     mode = k % m.modes
     if m.leader_position != ABSENT and m.speed == ABSENT:
@@ -336,8 +336,8 @@ def predict_component(
     if m.speed != ABSENT:
         P[k, speed_index, speed_index] += q_speed * time
     P[k, COMPASS_BIAS, COMPASS_BIAS] += q_compass * time
-    if m.leader != ABSENT:
-        P[k, m.leader, m.leader] += m.leader_walk * time
+    if m.leader_bias != ABSENT:
+        P[k, m.leader_bias, m.leader_bias] += m.leader_walk * time
     if m.clock != ABSENT:
         # before the columns x and y are copied from the rows
         _predict_clock(b, m, k, time)
@@ -409,7 +409,7 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
     time = o.time
     # F = ∂(x, y, vx, vy)/∂state
     for i in range(4):
-        for j in range(m.states):
+        for j in range(m.n_states):
             rows[i, j] = 0.0
     rows[0, X] = 1.0
     rows[0, speed_index] = by_speed_x
@@ -433,7 +433,12 @@ def _add_component(b: GaussianMixture, m: Model, k: int, origin: tuple[float, fl
             values[3] + north,
         )
     add_moments(
-        b.mixture_mean, covariance, weight, values, rows, b.covariance[k, : m.states, : m.states]
+        b.mixture_mean,
+        covariance,
+        weight,
+        values,
+        rows,
+        b.covariance[k, : m.n_states, : m.n_states],
     )
     xx, xy, yy = _position_noise(o, m, k % m.modes, displacement)
     covariance[0, 0] += weight * xx
@@ -475,28 +480,28 @@ _SMALL_SHARE = 0.1
 
 
 @compiled
-def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None:
-    """Replace the heading of a message by the leg's, with the arms; sets `signal.shift` and
-    `signal.added_variance`.
+def average_leader_heading(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
+    """Replace the heading of a message by the leg's, with the arms; sets `message.shift` and
+    `message.added_variance`.
     """
     o = b.leader
     reading_variance = m.leader_variance
-    dx = signal.east - o.at_x
-    dy = signal.north - o.at_y
+    dx = message.east - o.at_x
+    dy = message.north - o.at_y
     last_track = o.track
-    o.at_x, o.at_y = signal.east, signal.north
+    o.at_x, o.at_y = message.east, message.north
     o.track = math.atan2(dx, dy) if dx * dx + dy * dy > _MIN_DISTANCE * _MIN_DISTANCE else math.nan
     # by which the leader's way turned at the last message; NaN if that is unknown
     bend = wrap_angle(o.track - last_track)
     straight = abs(bend) < _MAX_STRAIGHT_TURN
-    signal.shift = signal.added_variance = 0.0
-    error = wrap_angle(signal.heading - o.leg_heading - bend)
+    message.shift = message.added_variance = 0.0
+    error = wrap_angle(message.heading - o.leg_heading - bend)
     if o.leg > 0.0 and not (
         straight and error * error <= _OUTLIER_SIGMAS * _OUTLIER_SIGMAS * reading_variance
     ):
         if o.steady > 0.0:
             # from here on b_L is again without the mean's random error
-            signal.added_variance = o.scatter / o.leg
+            message.added_variance = o.scatter / o.leg
             o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
         o.leg = o.steady = 0.0
         return
@@ -504,30 +509,30 @@ def average_leader_heading(b: GaussianMixture, m: Model, signal: Signal) -> None
         return
     o.leg += 1.0
     shift = error / o.leg if o.leg > 1.0 else 0.0
-    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else signal.heading
+    o.leg_heading = o.leg_heading + bend + shift if o.leg > 1.0 else message.heading
     if o.leg > 1.0:
         o.squares += error * (error - shift)
         o.compared += 1.0
         o.scatter = min((reading_variance + o.squares) / (1.0 + o.compared), reading_variance)
     if o.steady > 0.0:
         # the way bends half an interval earlier than the heading
-        signal.shift = shift
-        signal.added_variance = 0.25 * bend * bend
+        message.shift = shift
+        message.added_variance = 0.25 * bend * bend
     elif (
         o.leg >= _MIN_MESSAGES
-        or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader, m.leader]
+        or o.scatter < _SMALL_SHARE * o.leg * b.covariance[0, m.leader_bias, m.leader_bias]
     ):
-        signal.added_variance = o.scatter / o.leg
+        message.added_variance = o.scatter / o.leg
         o.steady = 1.0
         o.other_variance, b.leader_variance = b.leader_variance, o.other_variance
     if o.steady > 0.0:
-        change = wrap_angle(o.leg_heading - signal.heading)
-        signal.heading += change
+        change = wrap_angle(o.leg_heading - message.heading)
+        message.heading += change
         s, c = sin_cos(change)
         for i in range(3):
-            ax, ay = signal.arms[i, 0], signal.arms[i, 1]
-            signal.arms[i, 0] = c * ax + s * ay
-            signal.arms[i, 1] = c * ay - s * ax
+            ax, ay = message.arms[i, 0], message.arms[i, 1]
+            message.arms[i, 0] = c * ax + s * ay
+            message.arms[i, 1] = c * ay - s * ax
 
 
 _WINDOW = 10.0  # longest window [s]
@@ -558,9 +563,9 @@ def _update_component(
     """
     x = b.state[k]
     P = b.covariance[k]
-    gain = b.gain
-    has_leader_bias = m.leader != ABSENT
-    bias = x[m.leader] if has_leader_bias else 0.0
+    ph = b.ph
+    has_leader_bias = m.leader_bias != ABSENT
+    bias = x[m.leader_bias] if has_leader_bias else 0.0
     c, s = math.cos(bias), math.sin(bias)
     # ν = z − ẑ and S = H P Hᵀ + R, with H of c and b_L
     logged_turned = (c * logged[0] - s * logged[1], s * logged[0] + c * logged[1])
@@ -570,43 +575,43 @@ def _update_component(
         residual = measurement[axis] - (logged_turned[axis] - logged[axis])
         innovation_variance = variance
         state = m.current + axis
-        for i in range(m.states):
-            gain[i] = P[i, state] if m.current != ABSENT else 0.0
+        for i in range(m.n_states):
+            ph[i] = P[i, state] if m.current != ABSENT else 0.0
             if has_leader_bias:
-                gain[i] += slope * P[i, m.leader]
+                ph[i] += slope * P[i, m.leader_bias]
         if has_leader_bias:
-            residual -= slope * (x[m.leader] - bias)
-            innovation_variance += slope * gain[m.leader]
+            residual -= slope * (x[m.leader_bias] - bias)
+            innovation_variance += slope * ph[m.leader_bias]
         if m.current != ABSENT:
             residual -= x[state]
-            innovation_variance += gain[state]
-        update_scalar(x, P, gain, residual, innovation_variance, m.states)
+            innovation_variance += ph[state]
+        update_scalar(x, P, ph, residual, innovation_variance, m.n_states)
 
 
 @compiled
-def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signal) -> None:
+def update_current_from_leader_track(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
     """Take a message's pose and speed; at the end of a window update all components with the
     current it shows.
     """
     o = b.leader
     ended = True
-    sx, sy = signal.speed * math.sin(signal.heading), signal.speed * math.cos(signal.heading)
+    sx, sy = message.speed * math.sin(message.heading), message.speed * math.cos(message.heading)
     if o.window_time != o.window_time:
-        o.first_time = signal.time
+        o.first_time = message.time
     else:
-        elapsed = signal.time - o.last_time
+        elapsed = message.time - o.last_time
         o.logged_x += 0.5 * elapsed * (o.velocity_x + sx)
         o.logged_y += 0.5 * elapsed * (o.velocity_y + sy)
-        turn = angle_between(signal.heading, o.first_heading)
-        window = signal.time - o.window_time
-        target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (signal.time - o.first_time))
+        turn = angle_between(message.heading, o.first_heading)
+        window = message.time - o.window_time
+        target = min(_WINDOW, _FIRST_WINDOW + _GROWTH * (message.time - o.first_time))
         ended = turn > _MAX_WINDOW_TURN or window >= target - 1e-6
         if ended and turn <= _MAX_WINDOW_TURN:
             per = 1.0 / window
             logged = (per * o.logged_x, per * o.logged_y)
             measurement = (
-                per * (signal.east - o.window_x) - logged[0],
-                per * (signal.north - o.window_y) - logged[1],
+                per * (message.east - o.window_x) - logged[0],
+                per * (message.north - o.window_y) - logged[1],
             )
             # both ends of the window err
             variance = LEADER_WAY_SIGMA * LEADER_WAY_SIGMA * 10.0 * per
@@ -616,11 +621,11 @@ def update_current_from_leader_track(b: GaussianMixture, m: Model, signal: Signa
             for k in range(b.n_hypotheses * m.modes):
                 _update_component(b, m, k, measurement, logged, variance)
     if ended:
-        o.window_time = signal.time
-        o.window_x = signal.east
-        o.window_y = signal.north
+        o.window_time = message.time
+        o.window_x = message.east
+        o.window_y = message.north
         o.logged_x = o.logged_y = 0.0
-        o.first_heading = signal.heading
+        o.first_heading = message.heading
     o.velocity_x = sx
     o.velocity_y = sy
-    o.last_time = signal.time
+    o.last_time = message.time

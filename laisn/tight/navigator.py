@@ -57,8 +57,8 @@ from laisn.tight.motion import (
     preintegrate_direction,
     velocity,
 )
-from laisn.tight.ranging import new_signal
-from laisn.tight.records import BELIEF, GaussianMixture, Model, Signal
+from laisn.tight.ranging import new_range_message
+from laisn.tight.records import BELIEF, GaussianMixture, Model, RangeMessage
 from laisn.vector_math import sin_cos
 
 ScalarRecord: TypeAlias = npt.NDArray[np.void]
@@ -80,54 +80,54 @@ def predict(b: ScalarRecord, m: ScalarRecord, speed: float, heading: float, dt: 
 
 
 @compiled
-def _copy_message(m: Model, message: Record, ranges: Floats, signal: Signal) -> None:
-    """Put a record of MESSAGE and its ranges, shape (3,), into a signal."""
-    signal.time = message.timestamp
-    signal.east = message.east
-    signal.north = message.north
-    signal.heading = message.heading
-    signal.speed = message.speed
-    signal.depth = message.depth
-    signal.leader_position_variance = m.leader_position_variance
+def _copy_message(m: Model, message: Record, ranges: Floats, range_message: RangeMessage) -> None:
+    """Put a record of MESSAGE and its ranges, shape (3,), into a message with its ranges."""
+    range_message.time = message.timestamp
+    range_message.east = message.east
+    range_message.north = message.north
+    range_message.heading = message.heading
+    range_message.speed = message.speed
+    range_message.depth = message.depth
+    range_message.leader_position_variance = m.leader_position_variance
     if message.position_sigma == message.position_sigma:
-        signal.leader_position_variance = message.position_sigma * message.position_sigma
-    copy_values(ranges, signal.ranges)
+        range_message.leader_position_variance = message.position_sigma * message.position_sigma
+    copy_values(ranges, range_message.ranges)
 
 
 @compiled
 def _receive(
     b: GaussianMixture,
     m: Model,
-    signal: Signal,
+    range_message: RangeMessage,
     message: Record,
     ranges: Floats,
     depth: float,
     on_hull: bool,
 ) -> int:
     """Take a record of MESSAGE and its ranges, shape (3,), at the follower's depth [m]; see
-    `receive`. Transmitters are placed on the leader's hull, or lie in `signal`.
+    `receive`. Transmitters are placed on the leader's hull, or lie in `range_message`.
     """
-    _copy_message(m, message, ranges, signal)
+    _copy_message(m, message, ranges, range_message)
     leader_below = message.depth - (depth - m.hydrophone_height)
     if on_hull:
-        place_arms(signal, m, message.pitch, message.roll, leader_below)
+        place_arms(range_message, m, message.pitch, message.roll, leader_below)
     else:
-        signal.echo_span = largest_echo_excess(m, signal, leader_below)
-    return receive(b, m, signal)
+        range_message.echo_span = largest_echo_excess(m, range_message, leader_below)
+    return receive(b, m, range_message)
 
 
 @compiled
 def update(
     b: ScalarRecord,
     m: ScalarRecord,
-    signal: ScalarRecord,
+    range_message: ScalarRecord,
     sent: Records,
     ranges: Floats,
     depth: float,
     on_hull: bool,
 ) -> int:
     """Update a belief with the only one of messages, as `_receive`, and its moments."""
-    used = _receive(b[0], m[0], signal[0], sent[0], ranges, depth, on_hull)
+    used = _receive(b[0], m[0], range_message[0], sent[0], ranges, depth, on_hull)
     moments(b[0], m[0])
     return used
 
@@ -137,15 +137,15 @@ def update_beside(
     b: ScalarRecord,
     m: ScalarRecord,
     link_model: ScalarRecord,
-    signal: ScalarRecord,
+    range_message: ScalarRecord,
     sent: Records,
     ranges: Floats,
 ) -> int:
     """Update a belief with the only one of messages of a further link, of the model `link_model`,
-    whose transmitters lie in `signal`, as of `receive_beside`, and its moments.
+    whose transmitters lie in `range_message`, as of `receive_beside`, and its moments.
     """
-    _copy_message(link_model[0], sent[0], ranges, signal[0])
-    used = receive_beside(b[0], m[0], link_model[0], signal[0])
+    _copy_message(link_model[0], sent[0], ranges, range_message[0])
+    used = receive_beside(b[0], m[0], link_model[0], range_message[0])
     moments(b[0], m[0])
     return used
 
@@ -184,9 +184,9 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
         model = model_of(settings)
         self._model = model
         self._reported_indices = reported_states(settings)
-        self._signal = scalar_record(new_signal())
+        self._message = scalar_record(new_range_message())
         # of further links
-        self._signal_beside = scalar_record(new_signal())
+        self._message_beside = scalar_record(new_range_message())
         self._model_beside = scalar_record(model_beside(model))
         b = scalar_record(new_belief(settings, model, self._start))
         self._records = b, scalar_record(model)
@@ -223,9 +223,9 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
                 own.depth - self.settings.hydrophone_height,
             )
             ranges[np.isnan(arms).any(axis=1)] = np.nan
-            self._signal["arms"] = arms
+            self._message["arms"] = arms
         sent = np.array([message], dtype=MESSAGE)
-        used = update(*self._records, self._signal, sent, ranges, float(own.depth), places is None)
+        used = update(*self._records, self._message, sent, ranges, float(own.depth), places is None)
         if used < 0:
             raise ArithmeticError(
                 f"step {self._step}: a covariance is not positive definite after {reception}"
@@ -242,13 +242,13 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
             own.depth - self.settings.hydrophone_height,
         )
         ranges[np.isnan(arms).any(axis=1)] = np.nan
-        self._signal_beside["arms"] = arms
+        self._message_beside["arms"] = arms
         # who is at rest states an exact place
         at_rest = reception.transmitters is not None
         variance = 0.0 if at_rest else self._model.leader_position_variance
         self._model_beside["leader_position_variance"] = variance
         sent = np.array([message], dtype=MESSAGE)
-        used = update_beside(*self._records, self._model_beside, self._signal_beside, sent, ranges)
+        used = update_beside(*self._records, self._model_beside, self._message_beside, sent, ranges)
         if used < 0:
             raise ArithmeticError(
                 f"step {self._step}: a covariance is not positive definite after {reception}"
@@ -296,7 +296,7 @@ def _moments(b: ScalarRecord, m: ScalarRecord) -> None:
 def _merged(b: GaussianMixture, m: Model) -> tuple[Floats, Floats]:
     """Mean and covariance of a belief's mixture, shapes (s,) and (s, s)."""
     count = int(b.n_hypotheses) * m.modes
-    n = m.states
+    n = m.n_states
     return mixture_moments(b.weight[:count], b.state[:count, :n], b.covariance[:count, :n, :n])
 
 
@@ -304,11 +304,11 @@ class _Leg:
     """The way from one message to the next, linearised at the biases that the next one leaves."""
 
     def __init__(
-        self, b: ScalarRecord, signal: ScalarRecord, m: Model, biases: tuple[float, float]
+        self, b: ScalarRecord, range_message: ScalarRecord, m: Model, biases: tuple[float, float]
     ) -> None:
         """Take the belief just before a message, which is used up, and the message."""
         self._biases = biases
-        self._n = int(m.states)
+        self._n = int(m.n_states)
         count = int(m.modes)
         self._records = (b, scalar_record(m))
         belief = b[0]
@@ -330,7 +330,7 @@ class _Leg:
         # covariance of the state at the beginning of the way with that at its end
         self.cross_to_next = self.covariance @ self._transition().T
         self._begin()
-        inflate_bias_covariance(belief, m, signal[0])
+        inflate_bias_covariance(belief, m, range_message[0])
         self.predicted, self.predicted_covariance = self._predicted()
 
     def _begin(self) -> None:
@@ -401,7 +401,7 @@ class SmoothingNavigator(TightNavigator):
         self._latest: list[int] = []
         # steps of the chain's beliefs: 0 for a known start, and those of messages that were used
         self._steps = [0] if self._belief.n_hypotheses else []
-        # of each message that was used: the belief just before it, and its signal
+        # of each message that was used: the belief just before it, and its message with the ranges
         self._priors: list[tuple[ScalarRecord, ScalarRecord]] = []
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
@@ -422,7 +422,7 @@ class SmoothingNavigator(TightNavigator):
         if self._records[0]["motion"]["time"][0] == 0.0:
             self._steps.append(self._step)
             if prior["n_hypotheses"][0]:
-                self._priors.append((prior, self._signal.copy()))
+                self._priors.append((prior, self._message.copy()))
         return fix
 
     def run(self, measurements: Measurements) -> TightEstimates:
@@ -443,7 +443,7 @@ class SmoothingNavigator(TightNavigator):
         )
         mean = estimates.state.copy()
         covariance = estimates.covariance.copy()
-        cross_to_next = np.zeros((latest.size, 4, self._model.states))
+        cross_to_next = np.zeros((latest.size, 4, self._model.n_states))
         last_to_use[latest < 0] = latest[latest < 0]
         for i in np.flatnonzero(last_to_use > latest).tolist():
             mean[i], covariance[i], cross_to_next[i] = legs[latest[i]].at(self._motions[i])
@@ -455,12 +455,15 @@ class SmoothingNavigator(TightNavigator):
         final_mean, final_covariance = _merged(self._belief, self._model)
         legs = list[_Leg]()
         # from the end: a way is linearised at the biases that stand at its end
-        for before, signal in reversed(self._priors):
+        for before, range_message in reversed(self._priors):
             mean = legs[0].mean if legs else final_mean
             legs.insert(
                 0,
                 _Leg(
-                    before, signal, self._model, (float(mean[LOG_BIAS]), float(mean[COMPASS_BIAS]))
+                    before,
+                    range_message,
+                    self._model,
+                    (float(mean[LOG_BIAS]), float(mean[COMPASS_BIAS])),
                 ),
             )
         return legs, Chain(
@@ -508,7 +511,7 @@ def outcome_of(b: GaussianMixture, m: Model, used: int) -> tuple[int, int, float
 def filter_mission(
     b: GaussianMixture,
     m: Model,
-    signal: Signal,
+    range_message: RangeMessage,
     readings: tuple[Floats, Floats],
     messages: Messages,
     estimates: MissionEstimates,
@@ -528,7 +531,7 @@ def filter_mission(
     for k in range(n):
         preintegrate_direction(b, m, speed[k], sine[k], cosine[k], m.dt)
         if i < message_step.size and message_step[i] == k + 1:
-            used = _receive(b, m, signal, message[i], ranges[i], depth[i], True)
+            used = _receive(b, m, range_message, message[i], ranges[i], depth[i], True)
             if used < 0:
                 return k + 1
             if outcome.shape[0] > 0:
@@ -586,7 +589,7 @@ def run_mission(
         None if start is None or not settings.known_start else (float(start[0]), float(start[1]))
     )
     belief = new_belief(settings, model, initial)
-    failed = filter_mission(belief, model, new_signal(), readings, messages, estimates)
+    failed = filter_mission(belief, model, new_range_message(), readings, messages, estimates)
     if failed:
         raise ArithmeticError(f"step {failed}: a covariance is not positive definite")
     return estimates
@@ -703,7 +706,7 @@ class TightSwarm(NamedTuple):
 
     beliefs: Records  # of BELIEF, shape (f,)
     model: Model
-    signal: Signal  # room for the message of one follower after the other
+    range_message: RangeMessage  # room for the message of one follower after the other
     gated: Ints  # messages of each follower whose ranges were all rejected so far, shape (f,)
     reported_indices: Ints  # of the states in `TightEstimates.names`, shape (n,)
 
@@ -730,7 +733,7 @@ class TightSwarm(NamedTuple):
             preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
             if received[i]:
                 depth = readings[i].depth
-                used = _receive(b, m, self.signal, messages[i], ranges[i], depth, True)
+                used = _receive(b, m, self.range_message, messages[i], ranges[i], depth, True)
                 if used < 0:
                     return i + 1
                 received_ranges, used_ranges, _ = outcome_of(b, m, used)
@@ -755,4 +758,4 @@ def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:
         [new_belief(settings, model, start) for start in initial], dtype=BELIEF
     ).view(np.recarray)
     gated = np.zeros(len(beliefs), dtype=np.int64)
-    return TightSwarm(beliefs, model, new_signal(), gated, reported_states(settings))
+    return TightSwarm(beliefs, model, new_range_message(), gated, reported_states(settings))

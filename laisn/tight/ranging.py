@@ -18,7 +18,7 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, RANGE_SCALE, X, Y
-from laisn.tight.records import ABSENT, SIGNAL, GaussianMixture, Model, Signal
+from laisn.tight.records import ABSENT, RANGE_MESSAGE, GaussianMixture, Model, RangeMessage
 from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -38,17 +38,19 @@ _NEAR_ERROR = 0.12
 _MIN_RANGE = 1.0
 
 
-def new_signal() -> Signal:
+def new_range_message() -> RangeMessage:
     """Room for a message."""
-    return cast(Signal, np.zeros(1, dtype=SIGNAL)[0])
+    return cast(RangeMessage, np.zeros(1, dtype=RANGE_MESSAGE)[0])
 
 
 @inlined
-def relative_position(b: GaussianMixture, m: Model, k: int, signal: Signal) -> tuple[float, float]:
+def relative_position(
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage
+) -> tuple[float, float]:
     """Place of component k from the leader's true origin, east and north [m]."""
     x = b.state
-    qx = x[k, X] - signal.east
-    qy = x[k, Y] - signal.north
+    qx = x[k, X] - message.east
+    qy = x[k, Y] - message.north
     if m.leader_position != ABSENT:
         qx -= x[k, m.leader_position]
         qy -= x[k, m.leader_position + 1]
@@ -67,15 +69,15 @@ def relative_covariance(b: GaussianMixture, m: Model, k: int) -> tuple[Floats, F
     if m.leader_position != ABSENT or m.leader_position_walk != ABSENT:
         relative_cov_x = b.work.relative_covariance[0]
         relative_cov_y = b.work.relative_covariance[1]
-        for h in range(m.states):
+        for h in range(m.n_states):
             relative_cov_x[h] = P[k, X, h]
             relative_cov_y[h] = P[k, Y, h]
         if m.leader_position != ABSENT:
-            for h in range(m.states):
+            for h in range(m.n_states):
                 relative_cov_x[h] -= P[k, m.leader_position, h]
                 relative_cov_y[h] -= P[k, m.leader_position + 1, h]
         if m.leader_position_walk != ABSENT:
-            for h in range(m.states):
+            for h in range(m.n_states):
                 relative_cov_x[h] -= P[k, m.leader_position_walk, h]
                 relative_cov_y[h] -= P[k, m.leader_position_walk + 1, h]
     return relative_cov_x, relative_cov_y
@@ -105,29 +107,29 @@ def velocity_over_pings(b: GaussianMixture, k: int) -> tuple[float, float, float
 
 
 @compiled
-def _add_delays(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -> None:
+def _add_delays(b: GaussianMixture, m: Model, k: int, message: RangeMessage, count: int) -> None:
     """Add what the time since each ping arrived changes to residuals' derivatives `row_log` and
-    `row_compass`, and to `gain`.
+    `row_compass`, and to `ph`.
     """
     w = b.work
     P = b.covariance
     ux, uy, vx, vy = velocity_over_pings(b, k)
     for j in range(count):
         i = w.used[j]
-        lag = signal.lag[i]
+        lag = message.lag[i]
         # p is the place less (s̄ − b_v) Rot(b_θ) u · lag and c · drift time: h = ∂ρ/∂(b_v, b_θ, c),
         # and h P
         w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
         w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
-        for h in range(m.states):
-            w.gain[i, h] += (
+        for h in range(m.n_states):
+            w.ph[i, h] += (
                 P[k, LOG_BIAS, h] * w.row_log[i] + P[k, COMPASS_BIAS, h] * w.row_compass[i]
             )
         if m.current != ABSENT:
-            east = -signal.drift_time[i] * w.row_x[i]
-            north = -signal.drift_time[i] * w.row_y[i]
-            for h in range(m.states):
-                w.gain[i, h] += P[k, m.current, h] * east + P[k, m.current + 1, h] * north
+            east = -message.drift_time[i] * w.row_x[i]
+            north = -message.drift_time[i] * w.row_y[i]
+            for h in range(m.n_states):
+                w.ph[i, h] += P[k, m.current, h] * east + P[k, m.current + 1, h] * north
 
 
 # the mean speed over the pings is that of so long a time, and not of more than since the last
@@ -139,7 +141,7 @@ _ACCELERATION_SIGMA = 0.03
 
 @compiled
 def _delay_covariance(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, i: int, g: int
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, i: int, g: int
 ) -> float:
     """What the delays of pings i and g add to the covariance of their ranges [m²]: through log,
     compass and current, and by the random errors of speed and direction over them.
@@ -147,16 +149,16 @@ def _delay_covariance(
     w = b.work
     o = b.motion
     ux, uy, vx, vy = velocity_over_pings(b, k)
-    value: float = w.row_log[i] * w.gain[g, LOG_BIAS] + w.row_compass[i] * w.gain[g, COMPASS_BIAS]
+    value: float = w.row_log[i] * w.ph[g, LOG_BIAS] + w.row_compass[i] * w.ph[g, COMPASS_BIAS]
     if m.current != ABSENT:
-        east = w.row_x[i] * w.gain[g, m.current]
-        north = w.row_y[i] * w.gain[g, m.current + 1]
-        value -= signal.drift_time[i] * (east + north)
+        east = w.row_x[i] * w.ph[g, m.current]
+        north = w.row_y[i] * w.ph[g, m.current + 1]
+        value -= message.drift_time[i] * (east + north)
     share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
     along_variance = m.speed_variance * share + _ACCELERATION_SIGMA * _ACCELERATION_SIGMA
     across_variance = m.heading_variance * (vx * vx + vy * vy)
     # + lag_i lag_g h_i (σ_v² u uᵀ + σ_θ² s̄² n nᵀ) h_gᵀ
-    lags = signal.lag[i] * signal.lag[g]
+    lags = message.lag[i] * message.lag[g]
     a = (w.row_x[i] * ux + w.row_y[i] * uy) * (w.row_x[g] * ux + w.row_y[g] * uy)
     c = (w.row_x[i] * uy - w.row_y[i] * ux) * (w.row_x[g] * uy - w.row_y[g] * ux)
     value += lags * (along_variance * a + across_variance * c)
@@ -165,7 +167,7 @@ def _delay_covariance(
 
 @compiled
 def predict_ranges(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, turn: float, turn_variance: float
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, turn: float, turn_variance: float
 ) -> int:
     """Residuals of the ranges for component k, with derivatives and covariances, into `b.work`; how
     many there are.
@@ -179,55 +181,61 @@ def predict_ranges(
     count = 0
     farthest = 0.0
     for i in range(m.transmitters):
-        if signal.ranges[i] == signal.ranges[i]:
+        if message.ranges[i] == message.ranges[i]:
             w.received[count] = w.used[count] = i
             count += 1
-            farthest = max(farthest, signal.ranges[i])
+            farthest = max(farthest, message.ranges[i])
     per_farthest = 1.0 / max(farthest, _MIN_DISTANCE)
     for j in range(count):
         i = w.used[j]
-        w.row_scale[i] = signal.ranges[i] * per_farthest
-        _linearise_range(b, m, k, signal, i, turn, turn_variance)
-    if signal.late:
-        _add_delays(b, m, k, signal, count)
-    _fill_innovation_covariance(b, m, k, signal, count)
+        w.row_scale[i] = message.ranges[i] * per_farthest
+        _linearise_range(b, m, k, message, i, turn, turn_variance)
+    if message.late:
+        _add_delays(b, m, k, message, count)
+    _fill_innovation_covariance(b, m, k, message, count)
     return count
 
 
 @compiled
 def _linearise_range(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, i: int, turn: float, turn_variance: float
+    b: GaussianMixture,
+    m: Model,
+    k: int,
+    message: RangeMessage,
+    i: int,
+    turn: float,
+    turn_variance: float,
 ) -> None:
     """Residual of range i, its derivatives h, its second derivatives F times P, and h P."""
     w = b.work
     x = b.state
     P = b.covariance
-    leader = m.leader
+    leader_bias = m.leader_bias
     clock = m.clock
-    has_leader_bias = leader != ABSENT
+    has_leader_bias = leader_bias != ABSENT
     hl = 0.0
-    bias = x[k, leader] + turn if has_leader_bias else 0.0
+    bias = x[k, leader_bias] + turn if has_leader_bias else 0.0
     s, c = sin_cos(bias)
     shift_x = w.shift[0]
     shift_y = w.shift[1]
-    qx, qy = relative_position(b, m, k, signal)
+    qx, qy = relative_position(b, m, k, message)
     qx += shift_x
     qy += shift_y
-    if signal.late:
+    if message.late:
         _, _, vx, vy = velocity_over_pings(b, k)
-        qx -= signal.lag[i] * vx
-        qy -= signal.lag[i] * vy
+        qx -= message.lag[i] * vx
+        qy -= message.lag[i] * vy
         if m.current != ABSENT:
-            qx -= signal.drift_time[i] * x[k, m.current]
-            qy -= signal.drift_time[i] * x[k, m.current + 1]
+            qx -= message.drift_time[i] * x[k, m.current]
+            qy -= message.drift_time[i] * x[k, m.current + 1]
     relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
     pxx = _relative_component(m, relative_cov_x, 0) - w.removed[0]
     pxy = _relative_component(m, relative_cov_x, 1) - w.removed[1]
     pyy = _relative_component(m, relative_cov_y, 1) - w.removed[2]
     # ρ = |q − Rot(b_L) a|, h = ∂ρ/∂(x, y, b_L)
-    ax, ay = signal.arms[i, 0], signal.arms[i, 1]
+    ax, ay = message.arms[i, 0], message.arms[i, 1]
     sx, sy = c * ax - s * ay, s * ax + c * ay
-    dx, dy, dz = qx - sx, qy - sy, signal.arms[i, 2]
+    dx, dy, dz = qx - sx, qy - sy, message.arms[i, 2]
     rho = max(math.sqrt(dx * dx + dy * dy + dz * dz), _MIN_DISTANCE)
     per_rho = 1.0 / rho
     hx, hy = dx * per_rho, dy * per_rho
@@ -250,10 +258,10 @@ def _linearise_range(
         fxl = (sy - hx * hl) * per_rho
         fyl = (-sx - hy * hl) * per_rho
         fll = (qx * sx + qy * sy - hl * hl) * per_rho
-        pxl = relative_cov_x[leader]
-        pyl = relative_cov_y[leader]
+        pxl = relative_cov_x[leader_bias]
+        pyl = relative_cov_y[leader_bias]
         # the random error of this heading turns the arms just as the bias does
-        pll = P[k, leader, leader] + turn_variance
+        pll = P[k, leader_bias, leader_bias] + turn_variance
         f[i, 0, 0] += fxl * pxl
         f[i, 0, 1] += fxl * pyl
         f[i, 0, 2] = fxx * pxl + fxy * pyl + fxl * pll
@@ -270,33 +278,33 @@ def _linearise_range(
         expected += x[k, m.offset + i - 1]
     if clock != ABSENT:
         expected += x[k, clock]
-    w.residual[i] = signal.ranges[i] - expected
+    w.residual[i] = message.ranges[i] - expected
     # h P, by loops over contiguous rows of the symmetric P, which are vectorised
-    gain = w.gain[i]
-    n = m.states
+    ph = w.ph[i]
+    n = m.n_states
     for h in range(n):
-        gain[h] = relative_cov_x[h] * hx + relative_cov_y[h] * hy + P[k, RANGE_SCALE, h] * share
+        ph[h] = relative_cov_x[h] * hx + relative_cov_y[h] * hy + P[k, RANGE_SCALE, h] * share
     if has_leader_bias:
         for h in range(n):
-            gain[h] += P[k, leader, h] * hl
+            ph[h] += P[k, leader_bias, h] * hl
     if m.offset != ABSENT and i > 0:
         offset = m.offset + i - 1
         for h in range(n):
-            gain[h] += P[k, offset, h]
+            ph[h] += P[k, offset, h]
     if clock != ABSENT:
         for h in range(n):
-            gain[h] += P[k, clock, h]
+            ph[h] += P[k, clock, h]
 
 
 @compiled
 def _fill_innovation_covariance(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, count: int
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, count: int
 ) -> None:
     """S = H P Hᵀ + σ² I + σ_s² s sᵀ + σ_L² h_L h_Lᵀ + [½ tr(F_i P F_j P)], into
     `work.innovation_covariance`.
     """
     w = b.work
-    has_leader_bias = m.leader != ABSENT
+    has_leader_bias = m.leader_bias != ABSENT
     for j in range(count):
         i = w.used[j]
         for h in range(j + 1):
@@ -307,28 +315,28 @@ def _fill_innovation_covariance(
             second = f[0, 0] * e[0, 0] + f[0, 1] * e[1, 0] + f[1, 0] * e[0, 1] + f[1, 1] * e[1, 1]
             noise = m.range_scale_variance * w.row_scale[i] * w.row_scale[g]
             value = (
-                w.row_x[i] * _relative_component(m, w.gain[g], 0)
-                + w.row_y[i] * _relative_component(m, w.gain[g], 1)
-                + w.row_scale[i] * w.gain[g, RANGE_SCALE]
+                w.row_x[i] * _relative_component(m, w.ph[g], 0)
+                + w.row_y[i] * _relative_component(m, w.ph[g], 1)
+                + w.row_scale[i] * w.ph[g, RANGE_SCALE]
             )
-            if signal.late:
-                value += _delay_covariance(b, m, k, signal, i, g)
+            if message.late:
+                value += _delay_covariance(b, m, k, message, i, g)
             if has_leader_bias:
                 second += (
                     f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]
                 )
                 second += f[2, 2] * e[2, 2]
                 noise += b.leader_variance * w.row_leader[i] * w.row_leader[g]
-                value += w.row_leader[i] * w.gain[g, m.leader]
+                value += w.row_leader[i] * w.ph[g, m.leader_bias]
             if m.offset != ABSENT and i > 0:
-                value += w.gain[g, m.offset + i - 1]
+                value += w.ph[g, m.offset + i - 1]
             if m.clock != ABSENT:
-                value += w.gain[g, m.clock]
+                value += w.ph[g, m.clock]
             value += noise + 0.5 * second
             if i == g:
                 value += m.range_sigma * m.range_sigma
                 if m.transmitters == 2:
-                    rho = max(signal.ranges[i], _MIN_RANGE)
+                    rho = max(message.ranges[i], _MIN_RANGE)
                     value += (_NEAR_ERROR / (rho * rho)) ** 2
             w.innovation_covariance[i, g] = w.innovation_covariance[g, i] = value
 
@@ -396,10 +404,10 @@ def _marginalise_common_echo(b: GaussianMixture, count: int) -> tuple[float, flo
 
 
 @inlined
-def _mean_range(b: GaussianMixture, signal: Signal, count: int) -> float:
+def _mean_range(b: GaussianMixture, message: RangeMessage, count: int) -> float:
     total = 0.0
     for j in range(count):
-        total += signal.ranges[b.work.used[j]]
+        total += message.ranges[b.work.used[j]]
     return total / count
 
 
@@ -422,7 +430,7 @@ def _variance_of_mean(b: GaussianMixture, count: int) -> float:
 
 
 @compiled
-def _add_common_echo(b: GaussianMixture, signal: Signal, count: int) -> None:
+def _add_common_echo(b: GaussianMixture, message: RangeMessage, count: int) -> None:
     """Take out of the residuals in `work.used` what a common echo of excess e has done to their
     differences, and add to S what of that is uncertain.
 
@@ -431,20 +439,20 @@ def _add_common_echo(b: GaussianMixture, signal: Signal, count: int) -> None:
     and `work.tilt_variance` the variance of that; both are 0 for a late ping.
     """
     w = b.work
-    mean = _mean_range(b, signal, count)
+    mean = _mean_range(b, message, count)
     for j in range(count):
         i = w.used[j]
-        w.residual[i] += w.tilt * (signal.ranges[i] - mean)
+        w.residual[i] += w.tilt * (message.ranges[i] - mean)
         for h in range(count):
             g = w.used[h]
             w.innovation_covariance[i, g] += (
-                w.tilt_variance * (signal.ranges[i] - mean) * (signal.ranges[g] - mean)
+                w.tilt_variance * (message.ranges[i] - mean) * (message.ranges[g] - mean)
             )
 
 
 @compiled
 def _weigh_common_echo(
-    b: GaussianMixture, m: Model, signal: Signal, count: int, span: float
+    b: GaussianMixture, m: Model, message: RangeMessage, count: int, span: float
 ) -> float:
     """Logarithm of the density of the ranges in `work.used` if all have an echo in common, of
     `work.tilt`, and excesses are spread evenly over a `span` [m]; restores residuals and S.
@@ -453,7 +461,7 @@ def _weigh_common_echo(
     copy_values(w.residual, w.direct_residual)
     for i in range(w.innovation_covariance.shape[0]):
         copy_values(w.innovation_covariance[i], w.direct_covariance[i])
-    _add_common_echo(b, signal, count)
+    _add_common_echo(b, message, count)
     density, _ = _likelihood(b, count)
     _, reduction, log_size = _marginalise_common_echo(b, count)
     copy_values(w.direct_residual, w.residual)
@@ -475,69 +483,69 @@ def _update_component(b: GaussianMixture, m: Model, k: int, count: int) -> None:
     w = b.work
     x = b.state
     P = b.covariance
-    n = m.states
-    white_gain = w.white_gain
+    n = m.n_states
+    white_ph = w.white_ph
     # Wᵀ = L⁻¹ H P by forward substitution, and x += W ν: loops over contiguous rows, which are
     # vectorised
     for j in range(count):
-        gain = w.gain[w.used[j]]
+        ph = w.ph[w.used[j]]
         per_root = w.per_root[j]
         white = w.white[j]
         for h in range(n):
-            white_gain[j, h] = gain[h]
+            white_ph[j, h] = ph[h]
         for i in range(j):
             root = w.root[j, i]
             for h in range(n):
-                white_gain[j, h] -= root * white_gain[i, h]
+                white_ph[j, h] -= root * white_ph[i, h]
         for h in range(n):
-            white_gain[j, h] *= per_root
-            x[k, h] += white_gain[j, h] * white
+            white_ph[j, h] *= per_root
+            x[k, h] += white_ph[j, h] * white
     if w.shared:
         for h in range(n):
             match = 0.0
             for j in range(count):
-                match += white_gain[j, h] * w.common[j]
+                match += white_ph[j, h] * w.common[j]
             for j in range(count):
-                white_gain[j, h] -= match * w.common[j]
+                white_ph[j, h] -= match * w.common[j]
     for j in range(count, 3):
         for h in range(n):
-            white_gain[j, h] = 0.0
+            white_ph[j, h] = 0.0
     # P −= W Wᵀ
     for h in range(n):
-        first = white_gain[0, h]
-        second = white_gain[1, h]
-        third = white_gain[2, h]
+        first = white_ph[0, h]
+        second = white_ph[1, h]
+        third = white_ph[2, h]
         for i in range(n):
             P[k, h, i] = (
                 P[k, h, i]
-                - first * white_gain[0, i]
-                - second * white_gain[1, i]
-                - third * white_gain[2, i]
+                - first * white_ph[0, i]
+                - second * white_ph[1, i]
+                - third * white_ph[2, i]
             )
 
 
 @compiled
-def _is_near(b: GaussianMixture, m: Model, k: int, signal: Signal, count: int) -> bool:
+def _is_near(b: GaussianMixture, m: Model, k: int, message: RangeMessage, count: int) -> bool:
     """Whether component k is so near to a transmitter of a range in `work.used` that the circle of
     that range is not straight, and clear of the axis of two transmitters.
     """
     w = b.work
     nearest = math.inf
     for j in range(count):
-        nearest = min(nearest, signal.ranges[w.used[j]])
+        nearest = min(nearest, message.ranges[w.used[j]])
     if count < 2 or not nearest < _RELINEARISE_DISTANCE:
         return False
     # the shift is that of the follower alone
-    if m.leader_position != ABSENT or m.leader_position_walk != ABSENT or signal.late:
+    if m.leader_position != ABSENT or m.leader_position_walk != ABSENT or message.late:
         return False
     if m.transmitters > 2:
         return True
     # ℓ = t × (q − a_1) with t the direction from transmitter 1 to 2, and its variance tᵀ P t
-    arms = signal.arms
+    arms = message.arms
     P = b.covariance
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
-    off_x = b.state[k, X] - signal.east - arms[0, 0]
-    off_y = b.state[k, Y] - signal.north - arms[0, 1]
+    off_x = b.state[k, X] - message.east - arms[0, 0]
+    off_y = b.state[k, Y] - message.north - arms[0, 1]
     lateral = ex * off_y - ey * off_x
     variance = ey * ey * P[k, X, X] - 2.0 * ex * ey * P[k, X, Y] + ex * ex * P[k, Y, Y]
     return bool(lateral * lateral > _CLEAR_SIGMAS * _CLEAR_SIGMAS * variance)
@@ -549,11 +557,11 @@ def _linearise_at_update(b: GaussianMixture, count: int) -> None:
     its covariance, W Wᵀ, into `work`; W as of `_update_component`.
     """
     w = b.work
-    rows = w.white_gain
+    rows = w.white_ph
     w.shift[0] = w.shift[1] = w.removed[0] = w.removed[1] = w.removed[2] = 0.0
     for j in range(count):
         for h in range(2):
-            value = w.gain[w.used[j], h]
+            value = w.ph[w.used[j], h]
             for i in range(j):
                 value -= w.root[j, i] * rows[i, h]
             rows[j, h] = value * w.per_root[j]
@@ -605,7 +613,7 @@ def _use_subset(b: GaussianMixture, received: int, mask: int) -> int:
 
 @compiled
 def _select_ranges(
-    b: GaussianMixture, m: Model, k: int, signal: Signal, received: int, density: float
+    b: GaussianMixture, m: Model, k: int, message: RangeMessage, received: int, density: float
 ) -> int:
     """Keep the likeliest of all subsets of ranges, or all with a common echo, in `b.work.used`;
     how many these are. `density` is the logarithm of the density of all received ranges.
@@ -629,16 +637,16 @@ def _select_ranges(
             w.mask = mask
     _use_subset(b, received, all_ranges)
     excess = _mean_residual(b, received)
-    span = max(m.outlier_span, signal.echo_span)
+    span = max(m.outlier_span, message.echo_span)
     if received > 1 and 0.0 < excess < span:
         # a late ping, and a reflection
-        direct = max(_mean_range(b, signal, received) - excess, _MIN_DISTANCE)
+        direct = max(_mean_range(b, message, received) - excess, _MIN_DISTANCE)
         w.tilt = 0.0
         w.tilt_variance = 0.0
-        late = _weigh_common_echo(b, m, signal, received, span)
+        late = _weigh_common_echo(b, m, message, received, span)
         w.tilt = excess / direct
         w.tilt_variance = _variance_of_mean(b, received) / (direct * direct)
-        reflected = _weigh_common_echo(b, m, signal, received, span)
+        reflected = _weigh_common_echo(b, m, message, received, span)
         if late >= reflected:
             w.tilt = 0.0
             w.tilt_variance = 0.0
@@ -646,13 +654,13 @@ def _select_ranges(
             best = max(late, reflected)
             w.mask = all_ranges
             w.shared = 1
-            _add_common_echo(b, signal, received)
+            _add_common_echo(b, message, received)
     b.evidence[k] = best
     return _use_subset(b, received, w.mask)
 
 
 @compiled
-def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
+def update(b: GaussianMixture, m: Model, k: int, message: RangeMessage) -> int:
     """Update component k with the ranges of a message, without those that look like echoes. Returns
     how many it used, less one if these have an echo in common.
 
@@ -667,7 +675,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     w.mask = 7
     w.shared = 0
     w.shift[0] = w.shift[1] = w.removed[0] = w.removed[1] = w.removed[2] = 0.0
-    received = predict_ranges(b, m, k, signal, 0.0, v)
+    received = predict_ranges(b, m, k, message, 0.0, v)
     outcome = b.outcome[k]
     outcome.n_used = 0
     outcome.shared = 0
@@ -688,7 +696,7 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     if not 0.5 * squared < m.log_p_inlier - m.log_density_outlier - 0.5 * (
         _LOG_TURN + log(largest)
     ):
-        used = _select_ranges(b, m, k, signal, received, density)
+        used = _select_ranges(b, m, k, message, received, density)
         density, squared = _likelihood(b, used)
         if b.work.shared:
             squared -= _marginalise_common_echo(b, used)[1]
@@ -702,21 +710,21 @@ def update(b: GaussianMixture, m: Model, k: int, signal: Signal) -> int:
     turn = 0.0
     left_variance = v
     is_revised = False
-    if m.leader != ABSENT and used > 0:
+    if m.leader_bias != ABSENT and used > 0:
         estimate, remaining = _leader_turn(b, used)
         b.turn_excess[k] = estimate * estimate + remaining - v
         if remaining < _INFORMATIVE * v:
             turn = estimate
             left_variance = remaining
             is_revised = True
-    if not w.shared and _is_near(b, m, k, signal, used):
+    if not w.shared and _is_near(b, m, k, message, used):
         _linearise_at_update(b, used)
         is_revised = True
     if is_revised:
-        predict_ranges(b, m, k, signal, turn, left_variance)
+        predict_ranges(b, m, k, message, turn, left_variance)
         _use_subset(b, received, w.mask)
         if w.shared:
-            _add_common_echo(b, signal, used)
+            _add_common_echo(b, message, used)
         density, squared = _likelihood(b, used)
         if density != density:
             return -1

@@ -30,13 +30,13 @@ ByComponent: TypeAlias = Annotated[Floats, (COMPONENTS,)]
 class Model(RecordFields):
     """`TightSettings` as compiled code takes them; of `laisn.tight.model.model_of`."""
 
-    states: int  # n
+    n_states: int  # n
     modes: int  # drift_modes · speed_modes
     drift_modes: int
     speed_modes: int
     # where an optional state stands in the state, its first number for several, or ABSENT: indices,
     # and not the quantities themselves
-    leader: int  # b_L, bias of the leader's compass
+    leader_bias: int  # b_L, bias of the leader's compass
     current: int  # its east component; north comes next
     offset: int  # d_2; d_3 comes next
     clock: int  # τ; τ̇ comes next
@@ -77,7 +77,7 @@ class Model(RecordFields):
     log_density_outlier: float  # logarithm of an echo's density in [1/m]
 
 
-class Signal(RecordFields):
+class RangeMessage(RecordFields):
     """A message and its ranges."""
 
     time: float  # of emission, on the leader's clock [s]
@@ -199,12 +199,12 @@ class RangeUpdate(RecordFields):
     per_root: ByRange  # reciprocals of the diagonal of `root`
     white: ByRange  # whitened residuals, L⁻¹ (z − ẑ)
     turned: ByRange  # L⁻¹ `row_leader`
-    gain: Annotated[Floats, (_T, MAX_STATES)]  # H P
+    ph: Annotated[Floats, (_T, MAX_STATES)]  # P Hᵀ, a row for each range
     # where the ranges are linearised, from the mean of x, y [m]
     shift: Annotated[Floats, (2,)]
     # the part of their covariance xx, xy, yy that an update has taken away there [m²]
     removed: Annotated[Floats, (3,)]
-    white_gain: Annotated[Floats, (_T, MAX_STATES)]  # L⁻¹ H P over the ranges that are used
+    white_ph: Annotated[Floats, (_T, MAX_STATES)]  # L⁻¹ H P over the ranges that are used
     received: Annotated[Ints, (_T,)]  # indices of the ranges of the message
     used: Annotated[Ints, (_T,)]  # indices of the ranges that are used
     mask: int  # bits of the used ranges, in the order of `received`
@@ -237,7 +237,7 @@ class GaussianMixture(RecordFields):
     outcome: Annotated[list[UpdateOutcome], (COMPONENTS,)]
     turn_excess: ByComponent  # by how much `leader_variance` should be larger [rad²]
     n_hypotheses: int
-    states: int  # as of `Model`
+    n_states: int  # as of `Model`
     received: int  # ranges of the last message
     smoothed_nis: float  # NIS over some messages
     missed_updates: float  # messages in a row without an accepted range
@@ -256,9 +256,9 @@ class GaussianMixture(RecordFields):
     # their derivatives by a component's states, and room for one row
     rows: Annotated[Floats, (5, MAX_STATES)]
     prior_variance: ByState  # variances at the start
-    gain: ByState  # P Hᵀ of an update with one number, not yet divided by S
+    ph: ByState  # P Hᵀ of an update with one number, not yet divided by S
 
 
 MODEL = record_dtype(Model)
-SIGNAL = record_dtype(Signal)
+RANGE_MESSAGE = record_dtype(RangeMessage)
 BELIEF = record_dtype(GaussianMixture)

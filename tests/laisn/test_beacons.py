@@ -82,7 +82,7 @@ def test_a_range_has_the_derivatives_of_finite_differences() -> None:
     n, x = made.prior_variance.size, made.state[0].copy()
     with_covariance(made, np.eye(n) * 1e-12)
     predict_range(made, 0, ranging(place, 50.0, deeper=6.0))
-    rows = made.gain / 1e-12
+    rows = made.ph / 1e-12
     for j in range(n):
         step = np.zeros(n)
         step[j] = 1e-6

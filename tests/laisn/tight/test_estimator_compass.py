@@ -7,7 +7,7 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_bias_covariance
 from laisn.tight.model import COMPASS_BIAS, model_of, new_belief
 from laisn.tight.motion import preintegrate, reset_preintegration
-from laisn.tight.ranging import new_signal
+from laisn.tight.ranging import new_range_message
 from tests.laisn.tight.mission import DT
 
 DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
@@ -19,18 +19,18 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
 
     Both vehicles head where `headings` has it, by time [s], straight lines between.
     """
-    model, signal = model_of(DEVIATING), new_signal()
+    model, range_message = model_of(DEVIATING), new_range_message()
     belief = new_belief(DEVIATING, model, (0.0, 0.0))
     before = belief.covariance[0].diagonal().copy()
     for k in range(1, round(60.0 / DT) + 1):
-        signal.heading = np.interp(DT * k, list(headings), list(headings.values()))
-        preintegrate(belief, model, 1.0, signal.heading, DT)
+        range_message.heading = np.interp(DT * k, list(headings), list(headings.values()))
+        preintegrate(belief, model, 1.0, range_message.heading, DT)
         if k % round(every / DT) == 0:
-            inflate_bias_covariance(belief, model, signal)
+            inflate_bias_covariance(belief, model, range_message)
             reset_preintegration(belief)
             belief.motion.elapsed = 0.0
     gained = belief.covariance[0].diagonal() - before
-    return float(gained[COMPASS_BIAS]), float(gained[model.leader])
+    return float(gained[COMPASS_BIAS]), float(gained[model.leader_bias])
 
 
 @pytest.mark.parametrize("every", [0.5, 1.0, 5.0, 20.0])

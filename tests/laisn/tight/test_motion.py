@@ -24,7 +24,7 @@ from laisn.tight.motion import (
     reset_preintegration,
     update_current_from_leader_track,
 )
-from laisn.tight.ranging import Signal, new_signal
+from laisn.tight.ranging import RangeMessage, new_range_message
 
 SETTINGS = TightSettings(
     assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02
@@ -203,11 +203,11 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
     assert 1.0 - narrowing == pytest.approx(density[2] / density[0] - mean**2, abs=1e-5)
 
 
-def message(ranges: Floats) -> Signal:
-    signal = new_signal()
-    signal.east, signal.north, signal.heading, signal.speed = 40.0, 1.0, np.pi / 2, 1.0
-    signal.arms, signal.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
-    return signal
+def message(ranges: Floats) -> RangeMessage:
+    made = new_range_message()
+    made.east, made.north, made.heading, made.speed = 40.0, 1.0, np.pi / 2, 1.0
+    made.arms, made.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
+    return made
 
 
 @pytest.mark.parametrize("drift", [False, True])
@@ -293,28 +293,28 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
     settings = TightSettings(assume=Assume(exact_leader=exact, current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
-    n = model.states
+    n = model.n_states
     root = np.random.default_rng(2).normal(size=(n, n)) * 0.1
     belief.covariance[0, :n, :n] = root @ root.T
     if not exact:
-        belief.state[0, model.leader] = 0.1
+        belief.state[0, model.leader_bias] = 0.1
     kalman = KalmanFilter(dim_x=n, dim_z=2)
     kalman.x, kalman.P = belief.state[0, :n].copy(), belief.covariance[0, :n, :n].copy()
-    signal = new_signal()
+    range_message = new_range_message()
     heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
-    signal.heading, signal.speed = heading, speed
+    range_message.heading, range_message.speed = heading, speed
     logged = speed * np.array([np.sin(heading), np.cos(heading)])
     for t in range(2):
         at = (logged + drift) * 1.25 * t
-        signal.time, signal.east, signal.north = 1.25 * t, at[0], at[1]
-        update_current_from_leader_track(belief, model, signal)
-    bias = 0.0 if exact else kalman.x[model.leader]
+        range_message.time, range_message.east, range_message.north = 1.25 * t, at[0], at[1]
+        update_current_from_leader_track(belief, model, range_message)
+    bias = 0.0 if exact else kalman.x[model.leader_bias]
     angle = heading - bias
     turned = speed * np.array([np.sin(angle), np.cos(angle)])
     H = np.zeros((2, n))
     H[:, model.current : model.current + 2] = np.eye(2)
     if not exact:
-        H[:, model.leader] = speed * np.array([-np.cos(angle), np.sin(angle)])
+        H[:, model.leader_bias] = speed * np.array([-np.cos(angle), np.sin(angle)])
     expected = kalman.x[model.current : model.current + 2] + turned - logged
     kalman.update(H @ kalman.x + drift - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
     np.testing.assert_allclose(belief.state[0, :n], kalman.x, atol=1e-9)
@@ -329,9 +329,9 @@ def test_a_turning_leader_does_not_update_the_current(turn: float, updates: bool
     settings = TightSettings(assume=Assume(current=True))
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
-    before, signal = belief.state.copy(), new_signal()
+    before, range_message = belief.state.copy(), new_range_message()
     for t in range(2):
-        signal.time, signal.east, signal.north = 1.25 * t, 2.0 * t, 0.0
-        signal.heading, signal.speed = 0.7 + turn * t, 1.3
-        update_current_from_leader_track(belief, model, signal)
+        range_message.time, range_message.east, range_message.north = 1.25 * t, 2.0 * t, 0.0
+        range_message.heading, range_message.speed = 0.7 + turn * t, 1.3
+        update_current_from_leader_track(belief, model, range_message)
     assert np.array_equal(belief.state, before) != updates

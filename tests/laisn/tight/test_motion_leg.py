@@ -10,7 +10,7 @@ from laisn.settings import Assume, TightSettings
 from laisn.tight.estimator import inflate_bias_covariance, prune_and_merge, update_leader_variance
 from laisn.tight.model import GaussianMixture, Model, model_of, new_belief
 from laisn.tight.motion import average_leader_heading
-from laisn.tight.ranging import Signal, new_signal
+from laisn.tight.ranging import RangeMessage, new_range_message
 
 SETTINGS = TightSettings(assume=Assume(exact_leader=False))
 ERRORS = np.deg2rad([0.5, -1.2, 2.0, 0.3, -0.8, 1.5, 0.1, -0.4, 0.9, -1.1])
@@ -25,23 +25,23 @@ def make_belief(bias_sigma: float = 0.1) -> tuple[GaussianMixture, Model]:
     """A belief in which the leader's compass bias b_L has this standard deviation [rad]."""
     model = model_of(SETTINGS)
     belief = new_belief(SETTINGS, model, (0.0, 0.0))
-    belief.covariance[0, model.leader, model.leader] = bias_sigma**2
+    belief.covariance[0, model.leader_bias, model.leader_bias] = bias_sigma**2
     return belief, model
 
 
-def leader_signal(
+def leader_message(
     number: int, heading: float, course: float = COURSE, way_per_message: float = 1.0
-) -> Signal:
+) -> RangeMessage:
     """Message of this number from a leader that goes straight on from the origin, by
     `way_per_message` [m].
     """
-    signal = new_signal()
-    signal.east, signal.north = (
+    range_message = new_range_message()
+    range_message.east, range_message.north = (
         way_per_message * number * np.sin(course),
         way_per_message * number * np.cos(course),
     )
-    signal.heading, signal.arms = heading, ARMS
-    return signal
+    range_message.heading, range_message.arms = heading, ARMS
+    return range_message
 
 
 def clockwise(points: Floats, angle: float) -> Floats:
@@ -62,17 +62,17 @@ def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it()
     belief, model = make_belief()
     used_heading, bias = [], []
     for step, error in enumerate(ERRORS):
-        signal = leader_signal(step, COURSE + error)
-        average_leader_heading(belief, model, signal)
-        inflate_bias_covariance(belief, model, signal)
-        used_heading.append(float(signal.heading))
-        bias.append(float(belief.state[0, model.leader]))
+        range_message = leader_message(step, COURSE + error)
+        average_leader_heading(belief, model, range_message)
+        inflate_bias_covariance(belief, model, range_message)
+        used_heading.append(float(range_message.heading))
+        bias.append(float(belief.state[0, model.leader_bias]))
         np.testing.assert_allclose(
-            signal.arms[:, :2],
+            range_message.arms[:, :2],
             clockwise(ARMS[:, :2], used_heading[-1] - COURSE - error),
             atol=1e-12,
         )
-        np.testing.assert_array_equal(signal.arms[:, 2], ARMS[:, 2])
+        np.testing.assert_array_equal(range_message.arms[:, 2], ARMS[:, 2])
     # a direction needs two messages and a straight way three; b_L is wide here, so that the mean is
     # used at once
     assert used_heading[:2] == pytest.approx(COURSE + ERRORS[:2])
@@ -81,7 +81,7 @@ def test_the_heading_of_a_leg_is_the_mean_of_its_readings_and_b_l_goes_with_it()
     # heading less b_L is the true heading, whatever replaces the broadcast one
     np.testing.assert_allclose(np.diff(bias[2:]), np.diff(means), atol=1e-12)
     # b_L gains the first reading's random error, and no more
-    added_variance = belief.covariance[0, model.leader, model.leader] - 0.1**2
+    added_variance = belief.covariance[0, model.leader_bias, model.leader_bias] - 0.1**2
     assert added_variance == pytest.approx(SETTINGS.leader_heading_sigma**2, rel=1e-9)
 
 
@@ -89,9 +89,9 @@ def test_a_mean_of_few_readings_is_not_used_where_b_l_is_known_better() -> None:
     belief, model = make_belief(bias_sigma=1e-3)
     used_heading = []
     for step, error in enumerate(ERRORS):
-        signal = leader_signal(step, COURSE + error)
-        average_leader_heading(belief, model, signal)
-        used_heading.append(float(signal.heading))
+        range_message = leader_message(step, COURSE + error)
+        average_leader_heading(belief, model, range_message)
+        used_heading.append(float(range_message.heading))
     assert used_heading[:5] == pytest.approx(COURSE + ERRORS[:5])
     assert used_heading[5] == pytest.approx(COURSE + ERRORS[2:6].mean(), abs=1e-12)
 
@@ -109,9 +109,9 @@ def test_a_leg_ends_where_the_leader_turns_and_b_l_loses_the_means_error(
 ) -> None:
     belief, model = make_belief()
     for step, error in enumerate(ERRORS):
-        average_leader_heading(belief, model, leader_signal(step, COURSE + error))
-    last = leader_signal(ERRORS.size - 1, 0.0)
-    after_leg = leader_signal(1, heading, course, way_per_message)
+        average_leader_heading(belief, model, leader_message(step, COURSE + error))
+    last = leader_message(ERRORS.size - 1, 0.0)
+    after_leg = leader_message(1, heading, course, way_per_message)
     after_leg.east += last.east
     after_leg.north += last.north
     average_leader_heading(belief, model, after_leg)
@@ -128,7 +128,7 @@ def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
         belief.n_hypotheses = 2
         belief.weight[:2] = 0.6, 0.4
         belief.state[1], belief.covariance[1] = belief.state[0], belief.covariance[0]
-        belief.state[1, model.leader] += bias_difference
+        belief.state[1, model.leader_bias] += bias_difference
         prune_and_merge(belief, model)
         assert belief.n_hypotheses == remaining
 
@@ -136,21 +136,21 @@ def test_hypotheses_in_one_place_that_differ_in_b_l_stay_two() -> None:
 def test_compass_scatter_is_estimated_from_all_legs_and_limited_by_the_settings() -> None:
     belief, model = make_belief()
     for step, error in enumerate(0.1 * ERRORS):
-        average_leader_heading(belief, model, leader_signal(step, COURSE + error))
+        average_leader_heading(belief, model, leader_message(step, COURSE + error))
     assert belief.leader.scatter == pytest.approx(scatter(0.1 * ERRORS[2:]), rel=1e-9)
-    corner = leader_signal(ERRORS.size - 1, 0.0)
+    corner = leader_message(ERRORS.size - 1, 0.0)
     for step, error in enumerate(0.2 * ERRORS):
-        signal = leader_signal(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
-        signal.east += corner.east
-        signal.north += corner.north
-        average_leader_heading(belief, model, signal)
+        range_message = leader_message(step + 1, COURSE + 1.0 + error, COURSE + 1.0)
+        range_message.east += corner.east
+        range_message.north += corner.north
+        average_leader_heading(belief, model, range_message)
     # the first message after the turn has no leg
     assert belief.leader.scatter == pytest.approx(
         scatter(0.1 * ERRORS[2:], 0.2 * ERRORS[1:]), rel=1e-9
     )
     scattered, _ = make_belief()
     for step, error in enumerate(2.0 * ERRORS):
-        average_leader_heading(scattered, model, leader_signal(step, COURSE + error))
+        average_leader_heading(scattered, model, leader_message(step, COURSE + error))
     assert scattered.leader.scatter == SETTINGS.leader_heading_sigma**2
     # the estimate from ranges of the same errors cannot be larger
     scattered.leader.scatter = np.deg2rad(0.5) ** 2

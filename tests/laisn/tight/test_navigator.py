@@ -18,7 +18,7 @@ from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Recep
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import MissionEstimates, TightNavigator, filter_mission, run_mission
-from laisn.tight.ranging import new_signal
+from laisn.tight.ranging import new_range_message
 from tests.laisn.tight.mission import DT, EVERYTHING, Mission
 
 
@@ -199,9 +199,11 @@ def test_covariances_stay_positive_definite_for_a_million_steps(transmitters: in
     estimates = MissionEstimates(np.empty((10_000, 2)), np.empty((0, 3)), np.empty((0, 3)))
     way_of_lap = mission.follower[-1] - mission.follower[0]
     for lap in range(100):
-        assert filter_mission(belief, model, new_signal(), readings, messages, estimates) == 0
+        assert (
+            filter_mission(belief, model, new_range_message(), readings, messages, estimates) == 0
+        )
         for k in range(int(belief.n_hypotheses) * model.modes):
-            covariance = belief.covariance[k, : model.states, : model.states]
+            covariance = belief.covariance[k, : model.n_states, : model.n_states]
             np.testing.assert_array_equal(covariance, covariance.T)
             sigma = np.sqrt(np.diag(covariance))
             assert np.linalg.eigvalsh(covariance / np.outer(sigma, sigma)).min() > 1e-9, lap

@@ -16,7 +16,7 @@ from laisn.settings import Assume, NavigationSettings, TightSettings
 from laisn.tight.estimator import place_arms, prune_and_merge, receive
 from laisn.tight.model import model_of, new_belief
 from laisn.tight.navigator import TightNavigator
-from laisn.tight.ranging import new_signal
+from laisn.tight.ranging import new_range_message
 from tests.laisn.tight.mission import details
 from tests.laisn.tight.mixture import SCALE, heaviest, moments, weight_of
 from tests.laisn.tight.oracle import Oracle
@@ -328,29 +328,31 @@ def test_arms_are_those_of_a_body_that_is_turned_as_a_whole(
 ) -> None:
     """A leader whose attitude is not broadcast, or not used, is level."""
     settings = TightSettings(baseline=3.0, middle_offset=0.4, use_attitude=use_attitude)
-    signal, heading, pitch, roll = new_signal(), 0.7, 0.2, -0.3
-    signal.heading = heading
-    place_arms(signal, model_of(settings), pitch, roll if broadcasts_attitude else np.nan, 1.5)
+    range_message, heading, pitch, roll = new_range_message(), 0.7, 0.2, -0.3
+    range_message.heading = heading
+    place_arms(
+        range_message, model_of(settings), pitch, roll if broadcasts_attitude else np.nan, 1.5
+    )
     tilt = (pitch, roll) if use_attitude and broadcasts_attitude else (0.0, 0.0)
     body = np.array([[-1.5, 0.0, 0.0], [1.5, 0.0, 0.0], [0.0, 0.4, 0.0]])
     # east, north and depth of places on a body at the origin, which is 1.5 m deeper than the
     # hydrophone
     expected = place_on_body((0.0, 0.0, 1.5), (heading, *tilt), body)
-    np.testing.assert_allclose(signal.arms, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(range_message.arms, expected, rtol=0, atol=1e-12)
 
 
 def test_a_start_whose_covariance_is_not_positive_definite_is_refused() -> None:
     """As documented in `receive`: −1."""
     settings = replace(THREE, known_start=False)
-    belief, model, signal = (
+    belief, model, range_message = (
         new_belief(settings, model_of(settings), None),
         model_of(settings),
-        new_signal(),
+        new_range_message(),
     )
-    signal.ranges = 20.0, 20.5, 20.2
-    place_arms(signal, model, 0.0, 0.0, 1.0)
+    range_message.ranges = 20.0, 20.5, 20.2
+    place_arms(range_message, model, 0.0, 0.0, 1.0)
     belief.prior_variance[SCALE] = -1.0
-    assert receive(belief, model, signal) == -1
+    assert receive(belief, model, range_message) == -1
 
 
 def test_the_record_of_a_mission_is_what_its_messages_changed() -> None:

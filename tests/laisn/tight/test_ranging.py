@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 from laisn.arrays import Floats
 from laisn.settings import Assume, TightSettings
 from laisn.tight.model import GaussianMixture, Model, model_of, new_belief
-from laisn.tight.ranging import Signal, new_signal, predict_ranges, update
+from laisn.tight.ranging import RangeMessage, new_range_message, predict_ranges, update
 
 EVERYTHING = TightSettings(
     assume=Assume(exact_leader=False, drift=False, current=True, offsets=True, clock=True)
@@ -63,8 +63,8 @@ def make_belief(
     return mixture, model
 
 
-def signal(ranges: Floats) -> Signal:
-    message = new_signal()
+def range_message(ranges: Floats) -> RangeMessage:
+    message = new_range_message()
     message.east, message.north, message.heading, message.speed = *LEADER, 0.3, 1.0
     message.arms, message.ranges = ARMS, ranges
     return message
@@ -78,7 +78,7 @@ def some_covariance(scale: float) -> Floats:
 def test_derivatives_of_ranges_equal_complex_steps() -> None:
     ranges = ranges_of(STATE, 30.0).real
     mixture, model = make_belief(np.eye(STATES))
-    assert predict_ranges(mixture, model, 0, signal(ranges), 0.0, 0.0) == 3
+    assert predict_ranges(mixture, model, 0, range_message(ranges), 0.0, 0.0) == 3
     # the scale's own slope is neglected against 1 in the derivatives by position: b_r is
     # centimetres at tens of metres
     unscaled = STATE.copy()
@@ -86,7 +86,7 @@ def test_derivatives_of_ranges_equal_complex_steps() -> None:
     exact = gradient(unscaled, float(ranges.max()))
     # the common error is in proportion to what was measured
     exact[:, 4] = ranges / ranges.max()
-    np.testing.assert_allclose(mixture.work.gain[:, :STATES], exact, atol=1e-12)
+    np.testing.assert_allclose(mixture.work.ph[:, :STATES], exact, atol=1e-12)
 
 
 def test_second_derivatives_equal_differences_of_complex_steps() -> None:
@@ -94,7 +94,7 @@ def test_second_derivatives_equal_differences_of_complex_steps() -> None:
     unscaled[4] = 0.0
     ranges = ranges_of(unscaled, 30.0).real
     mixture, model = make_belief(np.eye(STATES), unscaled)
-    predict_ranges(mixture, model, 0, signal(ranges), 0.0, 0.0)
+    predict_ranges(mixture, model, 0, range_message(ranges), 0.0, 0.0)
     step, curved = 1e-5, [0, 1, 5]
     for j, other in itertools.product(range(3), range(3)):
         unit = np.eye(STATES)[curved[other]] * step
@@ -113,7 +113,7 @@ def test_expected_ranges_equal_their_mean_over_a_gaussian() -> None:
     unscaled = STATE.copy()
     unscaled[4] = 0.0
     mixture, model = make_belief(covariance, unscaled)
-    predict_ranges(mixture, model, 0, signal(np.zeros(3) + 30.0), 0.0, 0.0)
+    predict_ranges(mixture, model, 0, range_message(np.zeros(3) + 30.0), 0.0, 0.0)
     half = np.random.default_rng(1).normal(size=(500_000, 3)) @ root.T
     draws = np.concatenate([half, -half])
     x, y, bias = unscaled[0] + draws[:, 0], unscaled[1] + draws[:, 1], unscaled[5] + draws[:, 2]
@@ -140,7 +140,7 @@ def test_an_update_equals_filterpys(lost: tuple[int, ...]) -> None:
     received = [i for i in range(3) if i not in lost]
     mixture, model = make_belief(covariance, unscaled, settings)
     mixture.leader_variance = 0.0
-    assert update(mixture, model, 0, signal(ranges)) == len(received)
+    assert update(mixture, model, 0, range_message(ranges)) == len(received)
 
     exact = gradient(unscaled, float(np.nanmax(ranges)))
     exact[:, 4] = ranges / np.nanmax(ranges)
@@ -188,7 +188,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
     covariance = some_covariance(0.01)
     ranges = ranges_of(unscaled, 30.0).real + np.array(echo)
     mixture, model = make_belief(covariance, unscaled)
-    predict_ranges(mixture, model, 0, signal(ranges), 0.0, mixture.leader_variance)
+    predict_ranges(mixture, model, 0, range_message(ranges), 0.0, mixture.leader_variance)
     residual, spread = mixture.work.residual.copy(), mixture.work.innovation_covariance.copy()
     log_likelihoods = {}
     for size in range(4):
@@ -205,7 +205,7 @@ def test_the_subset_of_direct_ranges_is_the_likeliest_of_all(echo: tuple[float, 
                 )
             log_likelihoods[used] = log_likelihood
     likeliest = max(log_likelihoods, key=log_likelihoods.__getitem__)
-    assert update(mixture, model, 0, signal(ranges)) == len(likeliest)
+    assert update(mixture, model, 0, range_message(ranges)) == len(likeliest)
     assert mixture.evidence[0] == pytest.approx(log_likelihoods[likeliest], abs=1e-9)
 
 
@@ -214,7 +214,7 @@ def test_a_message_without_received_ranges_changes_no_belief() -> None:
     before = mixture.state.copy(), mixture.covariance.copy()
     outcome = mixture.outcome[0]
     mixture.evidence[0] = outcome["normalised_innovation"] = mixture.turn_excess[0] = 7.0
-    assert update(mixture, model, 0, signal(np.full(3, np.nan))) == 0
+    assert update(mixture, model, 0, range_message(np.full(3, np.nan))) == 0
     assert (
         mixture.evidence[0],
         mixture.outcome["normalised_innovation"][0],
@@ -227,9 +227,9 @@ def test_a_message_without_received_ranges_changes_no_belief() -> None:
 
 def test_a_covariance_that_is_not_positive_definite_is_refused() -> None:
     mixture, model = make_belief(-np.eye(STATES))
-    assert update(mixture, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
+    assert update(mixture, model, 0, range_message(ranges_of(STATE, 30.0).real)) == -1
     mixture, model = make_belief(np.full((STATES, STATES), np.nan))
-    assert update(mixture, model, 0, signal(ranges_of(STATE, 30.0).real)) == -1
+    assert update(mixture, model, 0, range_message(ranges_of(STATE, 30.0).real)) == -1
 
 
 def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
@@ -241,7 +241,7 @@ def test_of_ranges_that_share_an_echo_only_the_difference_is_used() -> None:
     """
     config = TightSettings(transmitters=2, range_scale_sigma=0.0)
     model, sigma, rho = model_of(config), 0.3, np.sqrt(101.0)
-    mixture, message = new_belief(config, model, (10.0, 0.0)), new_signal()
+    mixture, message = new_belief(config, model, (10.0, 0.0)), new_range_message()
     mixture.covariance[0, :2, :2] = sigma**2 * np.eye(2)
     mixture.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
@@ -271,7 +271,10 @@ def test_the_differences_of_a_reflection_are_those_of_the_direct_ways() -> None:
     model = model_of(config)
     true_position = np.array([30.0, 40.0])
     across = np.array([-0.8, 0.6])
-    mixture, message = new_belief(config, model, tuple(true_position + 0.2 * across)), new_signal()
+    mixture, message = (
+        new_belief(config, model, tuple(true_position + 0.2 * across)),
+        new_range_message(),
+    )
     mixture.covariance[0, :2, :2] = 1e-4 * np.eye(2) + 0.25 * np.outer(across, across)
     mixture.covariance[0, 4, 4] = 0.0
     message.arms = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
