@@ -11,7 +11,7 @@ from sim.scenario.vehicle_routes import depth_profile_of, route_of
 from sim.vehicle.mjcf import VehicleSetup, transmitter_places
 
 
-def fit_baseline_and_offset(sites: Floats) -> bool:
+def are_at_baseline_and_offset(sites: Floats) -> bool:
     """Whether rear, front and middle transmitter, shape (3, 3), [m], are at (−L/2, 0, 0),
     (L/2, 0, 0) and (0, H, 0) with L, H > 0, as a baseline L and an offset H put them.
     """

@@ -13,7 +13,7 @@ from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name
-from sim.assembly import fit_baseline_and_offset, routes_of, setups_of
+from sim.assembly import are_at_baseline_and_offset, routes_of, setups_of
 from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
@@ -466,7 +466,7 @@ def _transmitters_off_axis(plan: MissionPlan, leader: Leader) -> list[str]:
     places = {name: np.array(spec.site(name).pos) for name in ("tx_rear", "tx_front", "tx_middle")}
     for name, (axis, value) in transmitter_places(leader).items():
         places[name][axis] = value
-    if fit_baseline_and_offset(
+    if are_at_baseline_and_offset(
         np.array([site - (0.0, 0.0, spec.site("depth_sensor").pos[2]) for site in places.values()])
     ):
         return []

@@ -14,7 +14,7 @@ from laisn.messages import Measurements
 from laisn.metrics import bearing_errors, position_errors
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import Settings
-from sim.assembly import fit_baseline_and_offset
+from sim.assembly import are_at_baseline_and_offset
 from sim.scenario.navigation import Navigation
 from sim.scenario.parts import SensingSettings, sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
@@ -182,7 +182,7 @@ def settings_of(
         "floor_depth": floor_of(sensing.sound.sea).deepest,
         "slip": SLIP_M_SQRT_S if sensing.kind == "physics" else 0.0,
     }
-    if fit_baseline_and_offset(above_sensor):
+    if are_at_baseline_and_offset(above_sensor):
         values |= {
             "baseline": 2.0 * float(above_sensor[1, 0]),
             "middle_offset": float(above_sensor[2, 1]),
