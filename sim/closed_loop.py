@@ -420,7 +420,7 @@ class LoopParts:
 
     groups: Sequence[NavigatorGroup]  # of all followers, in order
     custom_control: CustomControl
-    sensing: Sequence[CustomSensing]  # of further sensors, of each follower
+    custom_sensing: Sequence[CustomSensing]  # of further sensors, of each follower
     # what is received on links beside the leader's broadcast, by name
     receivers: Mapping[str, Receiver] = field(default_factory=dict)
     leader: LeaderUnit | None = None  # None: it keeps to its route by the truth
@@ -439,11 +439,11 @@ class PythonClosedLoop:
         self.groups = parts.groups
         self._group_of = [group for group in parts.groups for _ in group.followers]
         self._custom_control = parts.custom_control
-        self.sensing = parts.sensing
+        self.custom_sensing = parts.custom_sensing
         self.receivers = parts.receivers
         self.leader = parts.leader
         self._broadcast_offsets = parts.broadcast_offsets
-        self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.sensing]
+        self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.custom_sensing]
         """Readings of further sensors at the last filter step, of each follower."""
         # how many filter steps have been navigated, shape (1,), as senders of messages look it up
         self._steps = np.zeros(1, dtype=np.int64)
@@ -486,8 +486,8 @@ class PythonClosedLoop:
     def _readings_at(self, vehicle: int, step: int) -> dict[str, Floats]:
         """Readings of a vehicle's further sensors at a filter step, or the last one before."""
         if vehicle != LEADER:
-            return self.sensing[vehicle - 1].readings_at(step)
-        return {} if self.leader is None else self.leader.sensing.readings_at(step)
+            return self.custom_sensing[vehicle - 1].readings_at(step)
+        return {} if self.leader is None else self.leader.custom_sensing.readings_at(step)
 
     def _receive(self, k: int) -> None:
         """Receive further links at instant k, a filter step."""
@@ -609,7 +609,7 @@ class PythonClosedLoop:
         """Read the further sensors of all followers at instant k, a filter step, and record
         them.
         """
-        for f, sensing in enumerate(self.sensing):
+        for f, sensing in enumerate(self.custom_sensing):
             if sensing:
                 hearing = self.hearing_on(self.group_of(f).link, truth)
                 self.latest_custom[f] = sensing.read(k, truth, hearing)
@@ -812,7 +812,7 @@ def closed_loop_of(
     parts = LoopParts(
         groups=groups,
         custom_control=custom_control,
-        sensing=custom_sensing,
+        custom_sensing=custom_sensing,
         receivers=receivers,
         leader=leader,
         broadcast_offsets=broadcast_offsets(plant.sites),
@@ -894,7 +894,7 @@ class ClosedLoopFlight:
                 continue
             leader = loop.leader
             group = loop.group_of(i)
-            sensing = loop.sensing[i]
+            sensing = loop.custom_sensing[i]
             hearing = loop.hearing_on(group.link)
             measured = hearing.measured.measurements(
                 i,

@@ -113,7 +113,7 @@ class LeaderUnit:
         self._measured = MeasurementRecord.empty(1, steps, max(steps, 1))
         self._main_receiver, self._further_receivers = self._links_of(sensing.links)
         model = sensor_model_of(sensing)
-        self.sensing = CustomSensing(
+        self.custom_sensing = CustomSensing(
             sensors.leader_custom_sensors(sensing),
             Carrier(
                 vehicle=LEADER,
@@ -202,7 +202,7 @@ class LeaderUnit:
                 row = self.reading[0]
                 self._measured.own[0, step - 1] = row.speed, row.heading, row.depth
                 hearing = None if self._main_receiver is None else self._main_receiver.hearing
-                self.latest_custom = self.sensing.read(k, truth, hearing)
+                self.latest_custom = self.custom_sensing.read(k, truth, hearing)
                 self._navigate(step)
                 self.steps[0] = step
         if self.swarm is None:
@@ -265,8 +265,8 @@ class LeaderUnit:
         links = {
             receiver.name: receiver.messages(number, steps) for receiver in self._further_receivers
         }
-        custom = self.sensing.readings(range(steps))
-        headers = self.sensing.headers
+        custom = self.custom_sensing.readings(range(steps))
+        headers = self.custom_sensing.headers
         measurements = self._measured.measurements(
             0, range(steps), self._dt, custom, headers, None, links
         )
