@@ -42,7 +42,7 @@ def _line_of_sight(
     """Velocity through the water, east and north [m/s], and the integral brought forward.
 
     `offset` is the place less that of the station, east and north [m]; `integral` that of
-    FollowerMemory. `formation.integral` is its gain: σ of ILOS, γ Δ² of ALOS [m/s].
+    FollowerMemory. `formation.integral_gain` is its gain: σ of ILOS, γ Δ² of ALOS [m/s].
     """
     lookahead = formation.lookahead
     speed = np.hypot(t.velocity_east, t.velocity_north)
@@ -60,13 +60,13 @@ def _line_of_sight(
     )
     if formation.law == ILOS:
         # ψ = χ − atan((y + σ z) / Δ), ż = Δ y / (Δ² + (y + σ z)²), with y across the track
-        across_with_integral = across + formation.integral * integral
+        across_with_integral = across + formation.integral_gain * integral
         squared = lookahead * lookahead + across_with_integral * across_with_integral
         integral += dt * lookahead * across / squared
         heading = course - np.arctan(across_with_integral / lookahead)
     else:
         # the crab angle itself is what is integrated
-        gain = formation.integral / (lookahead * lookahead)
+        gain = formation.integral_gain / (lookahead * lookahead)
         rate = gain * lookahead * across / np.sqrt(lookahead * lookahead + across * across)
         integral = clip(integral + dt * rate, -0.8, 0.8)
         heading = course - integral - np.arctan(across / lookahead)

@@ -5,7 +5,7 @@ way to each other.
 import math
 from collections.abc import Sequence
 from itertools import combinations
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -164,6 +164,8 @@ def scattered_followers(area: Scatter, address: Sequence[int]) -> list[dict[str,
 
 class Formation(Section):
     """Guidance of followers on stations."""
+
+    RECORD_NAMES: ClassVar = {"integral_m_s": "integral_gain"}
 
     shape: ShapeTable | None = Field(
         None, description="generates the followers, in place of [[followers]]"

@@ -11,6 +11,7 @@ from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    ClassVar,
     Literal,
     Self,
     TypeVar,
@@ -141,6 +142,9 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
+    RECORD_NAMES: ClassVar[Mapping[str, str]] = {}
+    """Names in `record` by keys, of those that are others there."""
+
     def record(self) -> Record:
         """Numbers, and choices by index, for compiled code: by names without units, in SI units
         and radians.
@@ -151,7 +155,8 @@ class Section(BaseModel):
             if isinstance(value, str):
                 value = get_args(field.annotation).index(value)
             if isinstance(value, bool | int | float):
-                values |= in_si({key: value})
+                [in_units] = in_si({key: value}).values()
+                values[self.RECORD_NAMES.get(key, split_unit(key)[0])] = in_units
         row = np.array(
             [tuple(values.values())], [(name, type(value)) for name, value in values.items()]
         )

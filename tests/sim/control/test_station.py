@@ -341,7 +341,7 @@ def test_lines_of_sight_are_those_of_their_papers(
         np.array([np.sin(course), np.cos(course)]),
         0.1,
         LAW.lookahead,
-        LAW.integral,
+        LAW.integral_gain,
     )
     target = Target(3.0, -4.0, *(1.2 * ahead), *(1.2 * ahead))
     along, e = np.array([x, y]) @ ahead, np.array([x, y]) @ np.array([ahead[1], -ahead[0]])
