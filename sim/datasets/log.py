@@ -32,7 +32,7 @@ _READERS = {
 _RECORD = "data set"  # metadata record by which such a log is known
 # what it holds of the sensors' errors, as the data set states them
 _STATED_ERRORS = ("range_sigma", "slip", "heading_walk", "track_slip", "track_heading_walk")
-_SLOTS = Ranges._fields  # names of the transmitters of a message, in order
+_TRANSMITTERS = Ranges._fields  # names of the transmitters of a message, in order
 _nanoseconds = Clock("1970-01-01T00:00:00Z").ns
 # a range that does not fit into the reception of its instant is received so much later [s]
 _SEPARATION = 1e-6
@@ -74,19 +74,19 @@ def _with_robots_that_fit(data: RangeData) -> RangeData:
         name: int(np.count_nonzero(data.range_beacon == data.beacons.index(name)))
         for name in data.moving
     }
-    left_out = sorted(counts, key=lambda name: -counts[name])[len(_SLOTS) :]
+    left_out = sorted(counts, key=lambda name: -counts[name])[len(_TRANSMITTERS) :]
     if not left_out:
         return data
     remark = (
-        f"ranges to {', '.join(left_out)} left out: at most {len(_SLOTS)} robots that move are "
-        "taken, those with the most ranges; --beacons selects others"
+        f"ranges to {', '.join(left_out)} left out: at most {len(_TRANSMITTERS)} robots that move "
+        "are taken, those with the most ranges; --beacons selects others"
     )
     selection = data.with_beacons([name for name in data.beacons if name not in left_out])
     return replace(selection, remarks=(*selection.remarks, remark))
 
 
 def _times_and_transmitters(data: RangeData) -> tuple[Floats, Ints]:
-    """When each range is received [s], and of which transmitter it is, a number in `_SLOTS`;
+    """When each range is received [s], and of which transmitter it is, a number in `_TRANSMITTERS`;
     shapes (m,).
 
     Two or three beacons have a transmitter each. Of more, ranges of one instant take rear, front
@@ -94,38 +94,38 @@ def _times_and_transmitters(data: RangeData) -> tuple[Floats, Ints]:
     one is received a microsecond later, as is the range to a second robot: a message has one place
     of a robot.
     """
-    slot_of_robot = {
-        data.beacons.index(name): i % len(_SLOTS) for i, name in enumerate(data.moving)
+    transmitter_of_robot = {
+        data.beacons.index(name): i % len(_TRANSMITTERS) for i, name in enumerate(data.moving)
     }
     times = np.empty(data.ranges.size)
-    slots = np.empty(data.ranges.size, dtype=np.int64)
-    has_own_slots = len(data.beacons) <= len(_SLOTS)
-    used_slots = set[int]()
+    transmitters = np.empty(data.ranges.size, dtype=np.int64)
+    has_own_transmitters = len(data.beacons) <= len(_TRANSMITTERS)
+    used_transmitters = set[int]()
     has_robot = False
     last = -1.0
     for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):
         if time > last:
-            used_slots = set()
+            used_transmitters = set()
             has_robot = False
-        free = next((s for s in range(len(_SLOTS)) if s not in used_slots), 0)
-        slot = beacon if has_own_slots else slot_of_robot.get(beacon, free)
+        free = next((s for s in range(len(_TRANSMITTERS)) if s not in used_transmitters), 0)
+        transmitter = beacon if has_own_transmitters else transmitter_of_robot.get(beacon, free)
         last = max(time, last)
-        if slot in used_slots or (has_robot and beacon in slot_of_robot):
+        if transmitter in used_transmitters or (has_robot and beacon in transmitter_of_robot):
             last = last + _SEPARATION
-            used_slots = set()
+            used_transmitters = set()
             has_robot = False
-        used_slots.add(slot)
-        has_robot = has_robot or beacon in slot_of_robot
+        used_transmitters.add(transmitter)
+        has_robot = has_robot or beacon in transmitter_of_robot
         times[i] = last
-        slots[i] = slot
-    return times, slots
+        transmitters[i] = transmitter
+    return times, transmitters
 
 
 def _channels(data: RangeData) -> Iterator[LogChannel]:
     """Own motion, receptions and true path."""
-    range_times, range_slots = _times_and_transmitters(data)
+    range_times, range_transmitters = _times_and_transmitters(data)
     end, speed, heading = replace(data, range_time=range_times).legs()
     # the first reading, at rest, ends a step at the first pose, so that the next step begins there
     depth = np.zeros(end.size + 1)
@@ -142,17 +142,17 @@ def _channels(data: RangeData) -> Iterator[LogChannel]:
     message[:, _COLUMN_OF["timestamp"]] = reception_times
     message[:, _POSITION_COLUMNS] = data.places.mean(axis=0)
     message[:, _COLUMN_OF["pitch"] :] = np.nan
-    ranges = np.full((reception_times.size, len(_SLOTS)), np.nan)
-    transmitters = np.full((reception_times.size, *PLACES.shape), np.nan)
-    ranges[reception_rows, range_slots] = data.ranges
-    transmitters[reception_rows, range_slots, :2] = data.places[data.range_beacon]
+    ranges = np.full((reception_times.size, len(_TRANSMITTERS)), np.nan)
+    places = np.full((reception_times.size, *PLACES.shape), np.nan)
+    ranges[reception_rows, range_transmitters] = data.ranges
+    places[reception_rows, range_transmitters, :2] = data.places[data.range_beacon]
     if data.moving:
         # the other robot's track, as it would broadcast it
-        transmitters[reception_rows, range_slots, :2] = data.range_track[:, :2]
+        places[reception_rows, range_transmitters, :2] = data.range_track[:, :2]
         is_moving = np.isin(data.range_beacon, [data.beacons.index(name) for name in data.moving])
         message[reception_rows[is_moving], _TRACK_COLUMNS] = data.range_track[is_moving]
-    transmitters[reception_rows, range_slots, 2] = 0.0
-    arrays = {"message": message, "ranges": ranges, "transmitters": transmitters}
+    places[reception_rows, range_transmitters, 2] = 0.0
+    arrays = {"message": message, "ranges": ranges, "transmitters": places}
     yield numeric(f"/{VEHICLE}", PLACED_RECEPTION, _nanoseconds(reception_times), arrays)
 
     truth_time, *coordinates = data.truth[np.argsort(data.truth[:, 0], kind="stable")].T

@@ -36,14 +36,14 @@ _FILLER_WORDS = {
 }
 """Words that say nothing of the quantity."""
 _RANGE_WORDS = {"range", "rng", "ranges", "r", "dist", "distance", "slant"}
-_SLOT_WORDS: dict[str, tuple[str, ...]] = {
+_WORDS_OF_TRANSMITTERS: dict[str, tuple[str, ...]] = {
     "rear": ("rear", "aft", "stern", "back", "tail", "1", "a"),
     "front": ("front", "fore", "bow", "fwd", "forward", "nose", "2", "b"),
     "middle": ("middle", "mid", "center", "centre", "3", "c"),
 }
-"""Words for each transmitter; only those of `_CERTAIN_SLOT_WORDS` need no check."""
+"""Words for each transmitter; only those of `_CERTAIN_WORDS` need no check."""
 _TRANSMITTER_WORDS = {"tx", "transmitter", "beacon", "transponder", "pinger", "source", "anchor"}
-_CERTAIN_SLOT_WORDS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
+_CERTAIN_WORDS = {"rear", "aft", "stern", "front", "fore", "bow", "fwd", "middle", "mid"}
 _QUANTITY_WORDS: dict[str, set[str]] = {
     "heading": {"heading", "hdg", "head", "compass", "psi", "yaw", "hding"},
     "speed": {"speed", "spd", "stw", "vel", "velocity", "surge", "u", "log"},
@@ -161,12 +161,12 @@ def _split_unit(name: str) -> _NameAndUnit:
     return _NameAndUnit(name, "", "")
 
 
-def _slot_of(words: Sequence[str]) -> tuple[str, str]:
+def _transmitter_of(words: Sequence[str]) -> tuple[str, str]:
     """The transmitter that the first word for one stands for, and this word; "" for none."""
     for word in words:
-        for slot, names in _SLOT_WORDS.items():
+        for transmitter, names in _WORDS_OF_TRANSMITTERS.items():
             if word in names:
-                return slot, word
+                return transmitter, word
     return "", ""
 
 
@@ -182,14 +182,14 @@ def _range_match(words: Sequence[str], unit: str) -> Match | None:
         for word in words
         if word not in (_RANGE_WORDS | _FILLER_WORDS | _LEADER_WORDS | _TRANSMITTER_WORDS | {"to"})
     ]
-    slot, word = _slot_of(other_words)
+    transmitter, word = _transmitter_of(other_words)
     others = [other for other in other_words if other != word]
     if others or len(other_words) > 1 or not _RANGE_WORDS & set(words):
         return None
-    if not slot:
+    if not transmitter:
         return Match("range_rear", unit, "of which transmitter is this range?")
-    note = "" if word in _CERTAIN_SLOT_WORDS else f"is {word!r} the {slot} transmitter?"
-    return Match(f"range_{slot}", unit, note)
+    note = "" if word in _CERTAIN_WORDS else f"is {word!r} the {transmitter} transmitter?"
+    return Match(f"range_{transmitter}", unit, note)
 
 
 def match(name: str, *, in_leader_topic: bool = False) -> Match | None:
@@ -212,8 +212,8 @@ def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match |
     other_words = [
         word for word in words if word not in (_LEADER_WORDS | _FILLER_WORDS | _TRANSMITTER_WORDS)
     ]
-    slot, slot_word = _slot_of(other_words[:-1])
-    other_words = [word for word in other_words if word != slot_word]
+    transmitter, transmitter_word = _transmitter_of(other_words[:-1])
+    other_words = [word for word in other_words if word != transmitter_word]
     # "compass heading" says one thing twice
     quantities = {_quantity_of_word(word) for word in other_words}
     if len(quantities) != 1:
@@ -221,12 +221,12 @@ def _quantity_match(words: Sequence[str], unit: str, *, leader: bool) -> Match |
     (quantity,) = quantities
     note = _doubt(other_words)
     unit = unit or _implied_unit(other_words[-1])
-    if quantity == "speed" and slot_word in ("forward", "fwd"):
-        slot = ""
-    if slot:
-        note = note or f"is {slot_word!r} the {slot} transmitter?"
+    if quantity == "speed" and transmitter_word in ("forward", "fwd"):
+        transmitter = ""
+    if transmitter:
+        note = note or f"is {transmitter_word!r} the {transmitter} transmitter?"
         is_place = quantity in ("east", "north", "depth")
-        return Match(f"{slot}_{quantity}", unit, note) if is_place else None
+        return Match(f"{transmitter}_{quantity}", unit, note) if is_place else None
     field = f"leader_{quantity}" if leader and quantity else _own_field(quantity, other_words[-1])
     return Match(field, unit, note) if field else None
 
@@ -350,21 +350,23 @@ def _range_candidates(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candi
     """Ranges by the name of the topic, or by frames where one topic has those of several."""
     frames = topic.texts.get("header.frame_id", ())
     if len(frames) > 1:
-        slots = dict.fromkeys(Ranges._fields, "")
+        transmitters = dict.fromkeys(Ranges._fields, "")
         for frame in frames:
-            named, word = _slot_of(_words(frame))
-            is_free = bool(named) and not slots[named]
-            slot = named if is_free else next((s for s in slots if not slots[s]), "")
-            if slot:
-                slots[slot] = frame
-                is_certain = is_free and word in _CERTAIN_SLOT_WORDS
-                note = "" if is_certain else f"is {frame!r} the {slot} transmitter?"
+            named, word = _transmitter_of(_words(frame))
+            is_free = bool(named) and not transmitters[named]
+            transmitter = (
+                named if is_free else next((s for s in transmitters if not transmitters[s]), "")
+            )
+            if transmitter:
+                transmitters[transmitter] = frame
+                is_certain = is_free and word in _CERTAIN_WORDS
+                note = "" if is_certain else f"is {frame!r} the {transmitter} transmitter?"
                 where = {"where": {"header.frame_id": frame}}
-                yield _Candidate(f"range_{slot}", 0, entry | where, note)
+                yield _Candidate(f"range_{transmitter}", 0, entry | where, note)
         return
-    slot, word = _slot_of(_words(topic.name)[::-1])
-    note = "" if word in _CERTAIN_SLOT_WORDS else f"of which transmitter is {topic.name}?"
-    yield _Candidate(f"range_{slot or 'rear'}", 0 if slot else 2, entry, note)
+    transmitter, word = _transmitter_of(_words(topic.name)[::-1])
+    note = "" if word in _CERTAIN_WORDS else f"of which transmitter is {topic.name}?"
+    yield _Candidate(f"range_{transmitter or 'rear'}", 0 if transmitter else 2, entry, note)
 
 
 def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
@@ -431,8 +433,8 @@ def _other_robots(
         if topic.type_name in _POSES and topic.name.count("/") > 1 and topic.messages
     }
     poses_of_others = list[BagTopic]()
-    for slot in Ranges._fields:
-        entry = entries.get(f"range_{slot}")
+    for transmitter in Ranges._fields:
+        entry = entries.get(f"range_{transmitter}")
         if entry is None:
             continue
         name_parts = [*entry.get("where", {}).values(), *str(entry["topic"]).split("/")[2:]]
@@ -442,9 +444,11 @@ def _other_robots(
             continue
         topic = poses[name]
         poses_of_others.append(topic)
-        note = f"is {topic.name} where the {slot} transmitter is?"
+        note = f"is {topic.name} where the {transmitter} transmitter is?"
         for axis, letter, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
-            yield _Candidate(f"{slot}_{axis}", 0, _position_entry(topic, letter, factor), note)
+            yield _Candidate(
+                f"{transmitter}_{axis}", 0, _position_entry(topic, letter, factor), note
+            )
     if poses_of_others:
         yield from _pose_candidates(
             poses_of_others[0], _POSES[poses_of_others[0].type_name], leader=True

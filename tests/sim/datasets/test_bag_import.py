@@ -286,11 +286,11 @@ def test_two_moving_robots_are_transmitters(tmp_path: Path) -> None:
             fields = stamped(time_ns, f"robot{i}", range=float(20 + k + i))
             messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     text = MAP
-    for i, slot in enumerate(("rear", "front")):
-        text += f'[range_{slot}]\ntopic = "/auv/acoustic"\nfield = "range"\n'
+    for i, transmitter in enumerate(("rear", "front")):
+        text += f'[range_{transmitter}]\ntopic = "/auv/acoustic"\nfield = "range"\n'
         text += f'where = {{ "header.frame_id" = "robot{i}" }}\n'
         for name, axis, factor in (("east", "x", 1.0), ("north", "y", 1.0), ("depth", "z", -1.0)):
-            text += f'[{slot}_{name}]\ntopic = "/robot{i}/odom"\n'
+            text += f'[{transmitter}_{name}]\ntopic = "/robot{i}/odom"\n'
             text += f'field = "pose.pose.position.{axis}"\nfactor = {factor}\n'
     for name, axis in (("east", "x"), ("north", "y")):
         text += f'[leader_{name}]\ntopic = "/robot0/odom"\nfield = "pose.pose.position.{axis}"\n'
@@ -324,10 +324,10 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
     bag = write_ros2(tmp_path / "dive", in_order(messages))
     assert run("import", bag, "--propose", tmp_path / "map.toml").exit_code == 0
     proposed = tomllib.loads((tmp_path / "map.toml").read_text())
-    for slot, name in (("rear", "alpha"), ("front", "beta")):
-        assert proposed[f"range_{slot}"]["where"] == {"header.frame_id": name}
-        assert proposed[f"{slot}_depth"]["topic"] == f"/{name}/odom"
-        assert proposed[f"{slot}_depth"]["factor"] == -1.0
+    for transmitter, name in (("rear", "alpha"), ("front", "beta")):
+        assert proposed[f"range_{transmitter}"]["where"] == {"header.frame_id": name}
+        assert proposed[f"{transmitter}_depth"]["topic"] == f"/{name}/odom"
+        assert proposed[f"{transmitter}_depth"]["factor"] == -1.0
     # the first of them stands for the leader; heading and speed of the own vehicle are measured
     assert proposed["leader_east"]["topic"] == "/alpha/odom"
     assert proposed["heading"]["topic"] == "/auv/imu"
@@ -336,7 +336,7 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("frames", "slots", "note"),
+    ("frames", "transmitters", "note"),
     [
         # of two frames whose names say rear, the second gets the front transmitter
         (("rear_1", "rear_2"), ("rear", "front"), "is 'rear_2' the front transmitter?"),
@@ -346,7 +346,7 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
     ],
 )
 def test_a_frame_that_gets_another_transmitter_than_it_names_is_to_be_checked(
-    frames: tuple[str, str], slots: tuple[str, str], note: str, tmp_path: Path
+    frames: tuple[str, str], transmitters: tuple[str, str], note: str, tmp_path: Path
 ) -> None:
     messages = own_messages()
     for k in range(1, 5):
@@ -356,9 +356,9 @@ def test_a_frame_that_gets_another_transmitter_than_it_names_is_to_be_checked(
             messages.append(("/auv/acoustic", "sensor_msgs/msg/Range", time_ns, fields))
     bag = write_ros2(tmp_path / "dive", in_order(messages))
     proposal = propose_for_bag(bag)
-    for frame, slot in zip(frames, slots, strict=True):
-        assert proposal.entries[f"range_{slot}"]["where"] == {"header.frame_id": frame}
-    assert proposal.notes.get(f"range_{slots[1]}", "") == note
+    for frame, transmitter in zip(frames, transmitters, strict=True):
+        assert proposal.entries[f"range_{transmitter}"]["where"] == {"header.frame_id": frame}
+    assert proposal.notes.get(f"range_{transmitters[1]}", "") == note
 
 
 def test_stamps_that_step_back_are_reported(tmp_path: Path) -> None:
