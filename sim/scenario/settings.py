@@ -136,7 +136,7 @@ class OceanTable(Section):
             speed for _, speed, _ in self.current_profile or [(0.0, self.current_speed_m_s, 0.0)]
         )
 
-    def current_change(self) -> Floats:
+    def surface_current(self) -> Floats:
         """The surface current over time, points of `current_profile`: time [s], east and north
         [m/s], shape (n, 3).
         """
@@ -156,11 +156,9 @@ class OceanTable(Section):
         steady = speed_at_depth[..., None] * np.array([np.sin(towards), np.cos(towards)])
         if not self.current_profile:
             return np.asarray(steady)
-        change = self.current_change()
-        return np.asarray(
-            steady
-            + np.stack([np.interp(time, change[:, 0], values) for values in change.T[1:]], axis=-1)
-        )
+        instants, *velocity = self.surface_current().T
+        over_time = [np.interp(time, instants, values) for values in velocity]
+        return np.asarray(steady + np.stack(over_time, axis=-1))
 
 
 __all__ = [

@@ -274,7 +274,7 @@ def sea_of_keys(water: OceanTable, seed: int) -> Ocean:
         current_speed_m_s=0.0 if water.current_profile else water.current_speed_m_s,
         current_direction_rad=float(np.deg2rad(water.current_direction_deg)),
         current_shear_1_s=water.current_shear_per_s,
-        current_change=water.current_change(),
+        added_current=water.surface_current(),
         density_kg_m3=water.density_kg_m3,
         floor_depth_m=water.floor_depth_m,
         waves=components,

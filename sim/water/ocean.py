@@ -27,7 +27,7 @@ class Ocean:
     current_speed_m_s: float = 0.0  # speed of the current at the surface
     current_direction_rad: float = 0.0  # compass direction that the current runs towards
     current_shear_1_s: float = 0.0  # loss of speed per metre of depth
-    current_change: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    added_current: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """Velocity V that is added at all depths: time [s], east and north [m/s], shape (m, 3), times
     increasing from 0; linear between the points, constant after the last."""
     current: Any = None  # another current in place of that of these fields
@@ -60,7 +60,7 @@ class Ocean:
         east, north = self._flow_direction
         surface = (self.current_speed_m_s * east, self.current_speed_m_s * north)
         shear = (self.current_shear_1_s * east, self.current_shear_1_s * north)
-        return ShearedCurrent(surface, shear, change_table(self.current_change))
+        return ShearedCurrent(surface, shear, change_table(self.added_current))
 
     @cached_property
     def environment(self) -> Environment:

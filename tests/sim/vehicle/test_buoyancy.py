@@ -165,7 +165,7 @@ def test_water_that_accelerates_carries_a_hull_along_without_turning_it() -> Non
     text = hull(31.0, (0.2, 4.0, 4.0), centre).replace(
         "</custom>", f'<numeric name="buoyancy_centre" data="{data}"/></custom>'
     )
-    ocean = Ocean(current_change=np.array([[0.0, 0.0, 0.0], [50.0, 0.5, -0.3]]))
+    ocean = Ocean(added_current=np.array([[0.0, 0.0, 0.0], [50.0, 0.5, -0.3]]))
     tank = Tank(text, ocean, 0.02)
     tank.place()
     tank.step(n=500)

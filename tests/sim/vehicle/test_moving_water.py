@@ -40,7 +40,7 @@ def test_a_neutral_hull_is_accelerated_as_the_water_is() -> None:
     """The pressure that accelerates the water moves what weighs as much as it displaces: it
     stays with the water.
     """
-    ocean = Ocean(current_change=np.array([[0.0, 0.1, 0.2], [50.0, 0.7, 0.0]]))
+    ocean = Ocean(added_current=np.array([[0.0, 0.1, 0.2], [50.0, 0.7, 0.0]]))
     displaced = 1026 * 4 / 3 * np.pi * SPHERE_RADIUS**3
     inertia = np.full(3, 0.4 * displaced * SPHERE_RADIUS**2)
     added = np.diag([displaced / 2] * 3 + [0.0] * 3)

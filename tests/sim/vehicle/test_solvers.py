@@ -33,7 +33,7 @@ def rough_sea() -> Ocean:
         current_speed_m_s=0.3,
         current_direction_rad=1.0,
         current_shear_1_s=0.01,
-        current_change=change,
+        added_current=change,
         waves=waves,
     )
 

@@ -50,7 +50,7 @@ def sea(seed: int = 1, depth: float = 12.0, change: Floats = CHANGE[:0]) -> Ocea
         current_speed_m_s=0.6,
         current_direction_rad=2.0,
         current_shear_1_s=0.03,
-        current_change=change,
+        added_current=change,
         floor_depth_m=depth,
         waves=waves,
     )
@@ -63,7 +63,7 @@ def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
     surface = c.current_speed_m_s * towards
     u = np.array([*(c.current_speed_m_s + c.current_shear_1_s * p[2]) * towards, 0.0])
     run = surface * t
-    if c.current_change.size:
+    if c.added_current.size:
         u[:2] += changing(t)
         run = run + way(t)
     z = min(p[2], 0.0)  # above the still surface nothing of the waves changes with height
@@ -143,7 +143,7 @@ def test_a_linear_ramp_of_the_current() -> None:
     """0.4 m/s more in 200 s: velocity, acceleration and way as of uniform acceleration, at every
     depth.
     """
-    ocean = Ocean(current_change=np.array([[0.0, 0.1, 0.0], [200.0, 0.5, 0.0]]))
+    ocean = Ocean(added_current=np.array([[0.0, 0.1, 0.0], [200.0, 0.5, 0.0]]))
     points = np.array([[3.0, 4.0, -2.0], [9.0, -9.0, -20.0]])
     for t, speed, acceleration, run in (
         (0.0, 0.1, 0.002, 0.0),
@@ -263,7 +263,7 @@ def test_the_velocity_alone_is_that_of_the_flow(height: float) -> None:
     ocean = Ocean(
         current_speed_m_s=0.8,
         current_shear_1_s=0.02,
-        current_change=np.array([[0.0, 0.0, 0.0], [10.0, 0.2, -0.1]]),
+        added_current=np.array([[0.0, 0.0, 0.0], [10.0, 0.2, -0.1]]),
         waves=waves,
     )
     sea = sea_at(ocean.environment, 7.0)

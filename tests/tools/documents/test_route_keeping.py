@@ -82,7 +82,7 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
     [
         (Ocean(), 0.05),
         (
-            Ocean(current_change=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])),
+            Ocean(added_current=np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 0.0], [100.0, 0.2, -0.2]])),
             1.0,
         ),
     ],
@@ -95,7 +95,7 @@ def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
     flown = simulate(Plant(setups(routes), sea), routes, 200.0)
     resting = flown.position[620:1201, 0, :2]
     assert np.hypot(*(resting - [60.0, 0.0]).T).max() < off
-    if not sea.current_change.size:
+    if not sea.added_current.size:
         assert np.hypot(*flown.velocity[700:1200, 0, :2].T).max() < 0.01
         assert np.abs(flown.heading[700:1150, 0] - np.pi / 2).max() < 0.01
     assert np.hypot(*(flown.position[-1, 0, :2] - [60.0, 60.0])) < 0.5
