@@ -27,11 +27,9 @@ from sim.simulation import (
 )
 from sim.trajectory import StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds
-from sim.vehicle.lanes import LaneMotion, handles_of_lanes, lane_motion_of, suits_lanes
+from sim.vehicle.lanes import MAX_ALONE, LaneMotion, handles_of_lanes, lane_motion_of, suits_lanes
 from sim.vehicle.stepping import OK, Fault, StepHandles, advance
 from sim.water.environment import Environment, sea_at, velocity_of_water
-
-FEW = 2  # groups of up to so many missions move faster one after the other than in lanes
 
 
 class LaneMemory(NamedTuple):
@@ -220,7 +218,7 @@ def _shape_of(motion: MotionSettings) -> str:
 
 def groups_for_lanes(motions: Sequence[MotionSettings], most: int = LANES) -> list[list[int]]:
     """Indices of the missions that may move side by side, in groups of up to `most`; groups of up
-    to FEW, whose missions move faster alone, are left out.
+    to MAX_ALONE, whose missions move faster alone, are left out.
     """
     by_shape: dict[str, list[int]] = {}
     for i, motion in enumerate(motions):
@@ -231,7 +229,7 @@ def groups_for_lanes(motions: Sequence[MotionSettings], most: int = LANES) -> li
         for indices in by_shape.values()
         for first in range(0, len(indices), most)
     ]
-    return [group for group in groups if len(group) > FEW]
+    return [group for group in groups if len(group) > MAX_ALONE]
 
 
 Made = TypeVar("Made")

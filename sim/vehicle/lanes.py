@@ -25,7 +25,8 @@ from sim.water.densities import UniformDensity
 from sim.water.environment import Environment
 from sim.water.waves import CalmSurface, LaneWaves, WaveTrain
 
-FEW = 2  # so many vehicles, or fewer, move faster one after the other than in lanes
+MAX_ALONE = 2
+"""So many vehicles or missions, or fewer, move faster one after the other than in lanes."""
 
 method_by_type("surface_of_lanes")
 
@@ -291,7 +292,7 @@ def _rows_of(handles: StepHandles) -> list[list[int]]:
         for vehicles in alike.values()
         for first in range(0, len(vehicles), LANES)
     ]
-    return [row for row in rows if len(row) > FEW]
+    return [row for row in rows if len(row) > MAX_ALONE]
 
 
 def _frozen(records: npt.NDArray[np.void], vehicles: Ints) -> npt.NDArray[np.void]:

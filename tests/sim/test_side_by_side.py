@@ -185,7 +185,7 @@ def test_a_study_gives_the_same_in_lanes_and_alone(
     assert drawn(tmp_path / "lanes").rows == in_lanes.rows  # type: ignore[operator]
     assert flown == [5]
     assert engines_of(in_lanes.plan) == ["direct"]
-    monkeypatch.setattr(side_by_side, "FEW", 8)
+    monkeypatch.setattr(side_by_side, "MAX_ALONE", 8)
     alone = drawn(tmp_path / "alone")  # type: ignore[operator]
     assert flown == [5]
     assert in_lanes.rows == alone.rows

@@ -55,7 +55,7 @@ def steer(plant: Plant, steps: int) -> None:
 def both_ways(monkeypatch: pytest.MonkeyPatch, ocean: Ocean = CALM) -> tuple[Plant, Plant]:
     """A fleet side by side, and the same one after the other."""
     side_by_side = fleet(ocean=ocean)
-    monkeypatch.setattr(lanes, "FEW", LANES)
+    monkeypatch.setattr(lanes, "MAX_ALONE", LANES)
     one_by_one = fleet(ocean=ocean)
     assert isinstance(side_by_side.step_handles(), FleetHandles)
     assert not isinstance(one_by_one.step_handles(), FleetHandles)
