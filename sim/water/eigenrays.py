@@ -41,9 +41,9 @@ _STEEP_SQUARE = 4e-4  # q² above which q follows from n² and p
 _NEAR_VERTICAL_RATIO = 1e-4
 
 
-class Water(NamedTuple):
-    """Water in which rays run, and the path that is wanted: direct, or with one reflection at the
-    surface or the floor.
+class PathInWater(NamedTuple):
+    """The path that is wanted, direct or with one reflection at the surface or the floor, and the
+    water in which its rays run.
     """
 
     profile: SmoothProfile
@@ -74,7 +74,7 @@ NO_RAY = Eigenray(math.nan, math.nan, math.nan, math.nan)
 
 
 @jitable
-def drop(w: Water, source: float, receiver: float) -> float:
+def drop(w: PathInWater, source: float, receiver: float) -> float:
     """Depth of the receiver, or of its mirror image, below the source [m]."""
     if w.by_surface > 0:
         return -receiver - source
@@ -84,7 +84,7 @@ def drop(w: Water, source: float, receiver: float) -> float:
 
 
 @compiled
-def straight_slowness(w: Water, source: float, receiver: float) -> float:
+def straight_slowness(w: PathInWater, source: float, receiver: float) -> float:
     """Mean of 1/c over the depths that a path crosses [s/m]."""
     if w.by_surface == 0 and w.by_floor == 0:
         return mean_slowness(w.profile, source, receiver)
@@ -152,7 +152,7 @@ def _advance(
 
 @compiled
 def _reflect(
-    w: Water, horizontal: float, state: RayState, h: float, hits: tuple[int, int]
+    w: PathInWater, horizontal: float, state: RayState, h: float, hits: tuple[int, int]
 ) -> tuple[RayState, tuple[int, int]]:
     """A step that meets surface or floor; it ends early where that is more often than wanted.
 
@@ -203,7 +203,7 @@ def _steps(distance: float, depth_change: float) -> int:
 
 
 @compiled
-def trace(w: Water, source: float, angle: float, distance: float, steps: int) -> RayState:
+def trace(w: PathInWater, source: float, angle: float, distance: float, steps: int) -> RayState:
     """Follow a ray from a depth [m] at an angle [rad] to a horizontal distance [m], in so many
     steps; `NO_STATE` if it is not of the wanted path.
     """
@@ -227,7 +227,7 @@ def trace(w: Water, source: float, angle: float, distance: float, steps: int) ->
 
 @compiled
 def trace_fan(
-    w: Water, source: float, first: float, spacing: float, ranges: Floats, depths: Floats
+    w: PathInWater, source: float, first: float, spacing: float, ranges: Floats, depths: Floats
 ) -> None:
     """Write the depths of rays that leave a depth [m] at angles with a spacing [rad], at
     increasing horizontal distances, shape (m,), [m], to `depths`, shape (rays, m).
@@ -256,7 +256,9 @@ def trace_fan(
 
 
 @jitable
-def _eigenray(w: Water, source: float, angle: float, end: RayState, receiver: float) -> Eigenray:
+def _eigenray(
+    w: PathInWater, source: float, angle: float, end: RayState, receiver: float
+) -> Eigenray:
     """An eigenray of a ray that ends within a small miss of the receiver."""
     horizontal, _ = _launch(w.profile, source, angle)
     time = end.time + end.vertical * (receiver - end.depth)
@@ -269,7 +271,9 @@ def _eigenray(w: Water, source: float, angle: float, end: RayState, receiver: fl
 
 
 @compiled
-def refine(w: Water, source: float, receiver: float, distance: float, angle: float) -> Eigenray:
+def refine(
+    w: PathInWater, source: float, receiver: float, distance: float, angle: float
+) -> Eigenray:
     """The eigenray near an angle of departure, by secants; `NO_RAY` where they lead to none."""
     steps = _steps(distance, drop(w, source, receiver))
     last_angle = angle
@@ -297,7 +301,7 @@ def refine(w: Water, source: float, receiver: float, distance: float, angle: flo
 
 @jitable
 def _between(
-    w: Water,
+    w: PathInWater,
     geometry: Geometry,
     steps: int,
     left: tuple[float, float],
@@ -337,7 +341,7 @@ def _between(
 
 @jitable
 def _edge(
-    w: Water, source: float, distance: float, valid_angle: float, invalid_angle: float
+    w: PathInWater, source: float, distance: float, valid_angle: float, invalid_angle: float
 ) -> float:
     """Halve the interval between an angle whose ray is of the wanted path and one whose ray is not;
     gives the end that still is.
@@ -362,7 +366,7 @@ class Fan(NamedTuple):
 
 @compiled
 def fill_fan(
-    w: Water,
+    w: PathInWater,
     source: float,
     distance: float,
     first: float,
@@ -413,7 +417,7 @@ def _vertex_angle(fan: Fan, j: int, receiver: float) -> float:
 
 @jitable
 def _add_between(
-    w: Water,
+    w: PathInWater,
     geometry: Geometry,
     left: tuple[float, float],
     right: tuple[float, float],
@@ -434,7 +438,7 @@ def _add_between(
 
 @compiled
 def eigenrays_of_fan(
-    w: Water, geometry: Geometry, fan: Fan, ray_count: int, candidates: Floats
+    w: PathInWater, geometry: Geometry, fan: Fan, ray_count: int, candidates: Floats
 ) -> int:
     """Eigenrays among the rays of a fan.
 
@@ -489,7 +493,7 @@ def may_turn(profile: SmoothProfile, distance: float, depth_change: float) -> bo
 
 
 @jitable
-def _steep_ray(w: Water, geometry: Geometry) -> Eigenray:
+def _steep_ray(w: PathInWater, geometry: Geometry) -> Eigenray:
     """The only ray between places so steeply apart that no ray that turns joins them."""
     source, receiver, distance = geometry
     depth_change = drop(w, source, receiver)
@@ -508,7 +512,9 @@ def _steep_ray(w: Water, geometry: Geometry) -> Eigenray:
 
 
 @compiled
-def eigenrays(w: Water, source: float, receiver: float, distance: float, candidates: Floats) -> int:
+def eigenrays(
+    w: PathInWater, source: float, receiver: float, distance: float, candidates: Floats
+) -> int:
     """All rays of a path that join two depths at a horizontal distance [m].
 
     Args:
@@ -559,7 +565,9 @@ def earliest_of(candidates: Floats, count: int) -> Eigenray:
 
 
 @compiled
-def earliest(w: Water, source: float, receiver: float, distance: float) -> tuple[Eigenray, int]:
+def earliest(
+    w: PathInWater, source: float, receiver: float, distance: float
+) -> tuple[Eigenray, int]:
     """The ray of a path that arrives first, and how many there are; arguments as of
     `eigenrays`. It is the same ray in both directions.
     """

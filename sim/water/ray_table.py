@@ -27,7 +27,7 @@ from sim.water.eigenrays import (
     Eigenray,
     Fan,
     Geometry,
-    Water,
+    PathInWater,
     drop,
     earliest,
     earliest_of,
@@ -145,7 +145,9 @@ def _interval(depths: Floats, depth: float) -> int:
 
 
 @jitable
-def _traced(table: RayTable, w: Water, cell: tuple[int, int, int], geometry: Geometry) -> Eigenray:
+def _traced(
+    table: RayTable, w: PathInWater, cell: tuple[int, int, int], geometry: Geometry
+) -> Eigenray:
     """The earliest ray in a marked cell."""
     i, j, k = cell
     tried_angles = np.empty(8)
@@ -169,7 +171,7 @@ def _traced(table: RayTable, w: Water, cell: tuple[int, int, int], geometry: Geo
 
 @compiled
 def ray_slowness(
-    table: RayTable, w: Water, source: float, receiver: float, distance: float
+    table: RayTable, w: PathInWater, source: float, receiver: float, distance: float
 ) -> float:
     """Time of the earliest ray by the length of the straight path, between depths and at a
     horizontal distance [m]; NaN if there is no ray.
@@ -199,7 +201,7 @@ def ray_slowness(
 
 
 @jitable
-def _side(w: Water, source: float, receiver: float, at_source: bool) -> float:
+def _side(w: PathInWater, source: float, receiver: float, at_source: bool) -> float:
     """Derivative of the drop's size by a depth: 1 or −1."""
     if w.by_surface > 0:
         return 1.0
@@ -209,7 +211,7 @@ def _side(w: Water, source: float, receiver: float, at_source: bool) -> float:
 
 
 @jitable
-def _straight_slope(w: Water, source: float, receiver: float, at_source: bool) -> float:
+def _straight_slope(w: PathInWater, source: float, receiver: float, at_source: bool) -> float:
     """Derivative of the straight path's mean slowness by a depth [s/m²]."""
     speed, gradient, _ = speed_and_gradient(w.profile, source if at_source else receiver, 0)
     size = abs(drop(w, source, receiver))
@@ -220,7 +222,7 @@ def _straight_slope(w: Water, source: float, receiver: float, at_source: bool) -
 
 
 @jitable
-def _write_node(w: Water, geometry: Geometry, ray: Eigenray, out: Floats) -> None:
+def _write_node(w: PathInWater, geometry: Geometry, ray: Eigenray, out: Floats) -> None:
     """Write G and its derivatives by source, receiver and distance."""
     source, receiver, distance = geometry
     size = abs(drop(w, source, receiver))
@@ -246,7 +248,7 @@ def _write_node(w: Water, geometry: Geometry, ray: Eigenray, out: Floats) -> Non
 
 @jitable
 def _earliest_in_fan(
-    w: Water,
+    w: PathInWater,
     geometry: Geometry,
     fan: Fan,
     ray_count: int,
@@ -260,7 +262,7 @@ def _earliest_in_fan(
 
 
 @compiled
-def _widest(w: Water, source: float) -> float:
+def _widest(w: PathInWater, source: float) -> float:
     """Upper bound of the angles [rad] at a depth of all rays between places with `may_turn`."""
     speed = speed_and_gradient(w.profile, source, 0)[0]
     share = w.profile.slowest * speed / (w.profile.fastest * w.profile.fastest)
@@ -269,7 +271,7 @@ def _widest(w: Water, source: float) -> float:
 
 @compiled
 def _earliest_rays(
-    w: Water, source: float, receivers: Floats, ranges: Floats, earliest_rays: Floats
+    w: PathInWater, source: float, receivers: Floats, ranges: Floats, earliest_rays: Floats
 ) -> None:
     """Write the earliest rays from a depth [m] to m depths at r distances [m] as numbers of
     `Eigenray`, shape (m, r, 4).
@@ -292,7 +294,7 @@ def _earliest_rays(
 
 @compiled
 def _trace_nodes(
-    w: Water, depth: Floats, range_step: float, value: Floats, departure: Floats
+    w: PathInWater, depth: Floats, range_step: float, value: Floats, departure: Floats
 ) -> None:
     """Fill the nodes of a table; cross derivatives excepted."""
     n = value.shape[0]
@@ -337,7 +339,7 @@ def _is_dark(table: RayTable, i: int, j: int, k: int) -> bool:
 
 
 @compiled
-def _check_cells(w: Water, table: RayTable, x: float, y: float, z: float) -> None:
+def _check_cells(w: PathInWater, table: RayTable, x: float, y: float, z: float) -> None:
     """Mark the cells in which the table is wrong, or has no value, at a place in parts of their
     sides.
     """
@@ -396,7 +398,7 @@ def _depths(profile: SmoothProfile, deepest: float) -> Floats:
     return nodes
 
 
-def table_of(w: Water, deepest: float, farthest: float) -> RayTable:
+def table_of(w: PathInWater, deepest: float, farthest: float) -> RayTable:
     """The table of a path from the surface to a depth, and to a horizontal distance [m]."""
     depth = _depths(w.profile, min(deepest, w.floor - MIN_CLEARANCE_M))
     n = depth.size

@@ -19,7 +19,7 @@ from sim.water.eigenrays import (
     MIN_CLEARANCE_M,
     NO_RAY,
     Eigenray,
-    Water,
+    PathInWater,
     drop,
     earliest,
     eigenrays,
@@ -93,7 +93,7 @@ class RefractedRays(NamedTuple):
 class Leg(NamedTuple):
     """A path between two depths, as its rays are found."""
 
-    water: Water
+    water: PathInWater
     source: float  # depth, between surface and floor [m]
     receiver: float  # likewise
     distance: float  # horizontal distance [m]
@@ -104,7 +104,7 @@ def leg_of(rays: RefractedRays, path: int, source: Vector, receiver: Vector) -> 
     """A path between two places; one above the surface or below the floor counts as just
     within the water."""
     floor = rays.floor.reflection_depth(source, receiver) if path == _BOTTOM else rays.deepest
-    water = Water(rays.profile, floor, int(path == _SURFACE), int(path == _BOTTOM))
+    water = PathInWater(rays.profile, floor, int(path == _SURFACE), int(path == _BOTTOM))
     return Leg(
         water,
         min(max(-source[2], MIN_CLEARANCE_M), floor - MIN_CLEARANCE_M),
@@ -152,7 +152,9 @@ def _table(
     distance: float,
 ) -> RayTable:
     def compute() -> RayTable:
-        return table_of(Water(SmoothProfile.through(points), floor, by_surface, 0), depth, distance)
+        return table_of(
+            PathInWater(SmoothProfile.through(points), floor, by_surface, 0), depth, distance
+        )
 
     return stored_table([points, floor, by_surface, depth, distance], compute)
 

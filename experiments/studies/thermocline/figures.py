@@ -11,7 +11,7 @@ from reports.figures import Line, Panel, panel
 from reports.findings import Findings
 from reports.page import Figures, with_limits
 from reports.style import FULL, SERIES
-from sim.water.eigenrays import Water, trace
+from sim.water.eigenrays import PathInWater, trace
 from sim.water.smooth_profile import speed_and_gradient
 
 _SOURCE_M = 20.0  # depth of the rays' source
@@ -24,7 +24,7 @@ _DEPTH_TICKS = {-depth: f"{depth:.0f}" for depth in (0.0, 10.0, 20.0, 30.0)}
 def rays_from(season: str, depth: float = _SOURCE_M) -> list[Line]:
     """Direct rays that leave a depth at even angles, until they meet surface or floor."""
     rays = study.rays_of(season)
-    water = Water(rays.profile, rays.deepest, 0, 0)
+    water = PathInWater(rays.profile, rays.deepest, 0, 0)
     ranges = np.linspace(_REACH_M / (_POINTS - 1), _REACH_M, _POINTS - 1)
     lines = []
     for angle in np.deg2rad(_ANGLES_DEG).tolist():

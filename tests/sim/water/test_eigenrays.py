@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sim.water.eigenrays import Water, drop, straight_slowness
+from sim.water.eigenrays import PathInWater, drop, straight_slowness
 from sim.water.smooth_profile import SmoothProfile, speed_and_gradient
 
 PROFILE = SmoothProfile.through([[0.0, 1500.0], [8.0, 1520.0], [20.0, 1480.0], [60.0, 1490.0]])
 FLOOR_M = 45.0
-DIRECT = Water(PROFILE, FLOOR_M, 0, 0)
-SURFACE = Water(PROFILE, FLOOR_M, 1, 0)
-BOTTOM = Water(PROFILE, FLOOR_M, 0, 1)
+DIRECT = PathInWater(PROFILE, FLOOR_M, 0, 0)
+SURFACE = PathInWater(PROFILE, FLOOR_M, 1, 0)
+BOTTOM = PathInWater(PROFILE, FLOOR_M, 0, 1)
 
 
 def _crossing_time(upper: float, lower: float) -> float:
@@ -37,7 +37,7 @@ def _crossing_time(upper: float, lower: float) -> float:
     ],
 )
 def test_mean_slowness_is_that_of_the_depths_that_a_path_crosses(
-    water: Water, legs: list[tuple[float, float]]
+    water: PathInWater, legs: list[tuple[float, float]]
 ) -> None:
     way = sum(lower - upper for upper, lower in legs)
     expected = sum(_crossing_time(*leg) for leg in legs) / way
@@ -48,7 +48,7 @@ def test_mean_slowness_is_that_of_the_depths_that_a_path_crosses(
 
 @pytest.mark.parametrize(("water", "depth"), [(SURFACE, 0.0), (BOTTOM, FLOOR_M)])
 def test_between_places_where_a_path_turns_it_is_that_of_their_depth(
-    water: Water, depth: float
+    water: PathInWater, depth: float
 ) -> None:
     expected = 1.0 / float(speed_and_gradient(PROFILE, depth, 0)[0])
     assert straight_slowness(water, depth, depth) == expected
