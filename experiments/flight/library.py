@@ -216,10 +216,10 @@ def vehicle_rows() -> list[tuple[str, str, str, str]]:
         data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, data)
         # boxes about the visible parts, turned into the hull's frame
-        turn = data.geom_xmat.reshape(-1, 3, 3)
+        rotation = data.geom_xmat.reshape(-1, 3, 3)
         centre, half_size = np.moveaxis(model.geom_aabb.reshape(-1, 2, 3), 1, 0)
-        middle = data.geom_xpos + np.einsum("gij,gj->gi", turn, centre)
-        reach = np.einsum("gij,gj->gi", abs(turn), half_size)
+        middle = data.geom_xpos + np.einsum("gij,gj->gi", rotation, centre)
+        reach = np.einsum("gij,gj->gi", abs(rotation), half_size)
         sides = np.max(middle + reach, axis=0) - np.min(middle - reach, axis=0)
         size = " × ".join(f"{side:.2f}" for side in sides) + " m"
         groups = Counter[str]()

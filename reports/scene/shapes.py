@@ -136,10 +136,10 @@ def triangles_of(geom: Mapping[str, Any], *, at_origin: bool = False) -> Triangl
             shape = mesh(
                 np.array(geom["points"]).reshape(-1, 3), np.array(geom["faces"]).reshape(-1, 3)
             )
-    turn = np.array(geom["turn"])
+    quaternion = np.array(geom["turn"])
     offset = np.zeros(3) if at_origin else np.array(geom["at"])
     return Triangles(
-        attitude.rotate(turn, shape.points) + offset,
-        attitude.rotate(turn, shape.normals),
+        attitude.rotate(quaternion, shape.points) + offset,
+        attitude.rotate(quaternion, shape.normals),
         shape.corners,
     )

@@ -453,17 +453,17 @@ class GlScene:
         self._model.geom_group[self._hulls] = np.where(visible, self._groups, _UNSEEN)
 
     def _add(
-        self, shape: int, size: Floats, position: Floats, turn: Floats, rgba: tuple[float, ...]
+        self, shape: int, size: Floats, position: Floats, rotation: Floats, rgba: tuple[float, ...]
     ) -> Any:
-        """Add a geom of a type of MuJoCo to the scene, with the rotation matrix `turn`; returns it,
-        or None if there is no room.
+        """Add a geom of a type of MuJoCo to the scene, with the matrix `rotation`; returns it, or
+        None if there is no room.
         """
         scene = self._scene
         if scene.ngeom >= scene.maxgeom:
             return None
         geom = scene.geoms[scene.ngeom]
         mujoco.mjv_initGeom(
-            geom, shape, size, position, turn.ravel(), np.array(rgba, dtype=np.float32)
+            geom, shape, size, position, rotation.ravel(), np.array(rgba, dtype=np.float32)
         )
         # MuJoCo leaves these as the memory had them: taken for part of a hull, the backdrop would
         # get a ghost
@@ -484,12 +484,12 @@ class GlScene:
         grey = 0.0 if self._background_grey is None else self._background_grey
         right, up, forward = view.axes
         size = np.array([4.0 * distance, 3.0 * distance, 1.0])
-        turn = np.column_stack([right, up, -forward])
+        rotation = np.column_stack([right, up, -forward])
         wall = self._add(
             mujoco.mjtGeom.mjGEOM_BOX.value,
             size,
             view.position + distance * forward,
-            turn,
+            rotation,
             (grey, grey, grey, 1),
         )
         if wall is not None and self._background_grey is not None:
@@ -514,9 +514,9 @@ class GlScene:
             if f is None or original.objid in self._inside:
                 continue
             size = np.array(original.size, np.float64)
-            turn = np.array(original.mat, np.float64)
+            rotation = np.array(original.mat, np.float64)
             ghost = self._add(
-                original.type, size, original.pos + shift[f], turn, (*ESTIMATE, float(alpha[f]))
+                original.type, size, original.pos + shift[f], rotation, (*ESTIMATE, float(alpha[f]))
             )
             if ghost is not None:
                 # a cylinder's and a capsule's sizes would be turned about once more

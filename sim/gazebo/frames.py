@@ -31,16 +31,16 @@ def local_pose(element: Element) -> Floats:
         values = numbers(pose.text, 7, label)
         if not np.linalg.norm(values[3:]) > 0.0:
             raise LaisnError(f"{label}: the quaternion must not be zero")
-        turn = Rotation.from_quat(values[3:])
+        rotation = Rotation.from_quat(values[3:])
     elif rotation_format == "euler_rpy":
         values = numbers(pose.text, 6, label)
         # about fixed axes: roll, then pitch, then yaw
-        turn = Rotation.from_euler("xyz", values[3:], degrees=is_true(pose.get("degrees")))
+        rotation = Rotation.from_euler("xyz", values[3:], degrees=is_true(pose.get("degrees")))
     else:
         raise LaisnError(
             f"{label}: rotation_format must be euler_rpy or quat_xyzw (given: {rotation_format!r})"
         )
-    frame[:3, :3] = turn.as_matrix()
+    frame[:3, :3] = rotation.as_matrix()
     frame[:3, 3] = values[:3]
     return frame
 

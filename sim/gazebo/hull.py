@@ -45,16 +45,16 @@ EXPANSION_ADVICE = (
 class Placing:
     """The body in the model."""
 
-    turn: Floats  # 3×3, from the model's axes to the body's
+    rotation: Floats  # 3×3, from the model's axes to the body's
     origin: Floats  # of the body in the model [m]
 
     def point(self, position: Floats) -> Floats:
         """A point of the model in the body [m]."""
-        return np.asarray(self.turn @ (position - self.origin))
+        return np.asarray(self.rotation @ (position - self.origin))
 
     def direction(self, axis: Floats) -> Floats:
         """A direction of the model in the body."""
-        return np.asarray(self.turn @ axis)
+        return np.asarray(self.rotation @ axis)
 
 
 def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]]:
@@ -85,11 +85,11 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     if not gazebo_thrusters:
         raise LaisnError("has no Thruster plugin")
     origin = _reference(model)
-    turn = _turn(hull, gazebo_thrusters, remarks)
-    placing = Placing(turn, origin)
-    gazebo_fins = fins.fins_of(model, water.density, turn[0], remarks)
-    matrices = hydrodynamics.about_point(coefficients, turn, origin)
-    _remark_on_moved(coefficients, origin, turn, remarks)
+    rotation = _rotation_to_body(hull, gazebo_thrusters, remarks)
+    placing = Placing(rotation, origin)
+    gazebo_fins = fins.fins_of(model, water.density, rotation[0], remarks)
+    matrices = hydrodynamics.about_point(coefficients, rotation, origin)
+    _remark_on_moved(coefficients, origin, rotation, remarks)
     _remark_on_unused(
         model,
         {thruster.joint for thruster in gazebo_thrusters},
@@ -97,7 +97,7 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
         remarks,
     )
 
-    size = np.abs(turn) @ hull.size
+    size = np.abs(rotation) @ hull.size
     length = max(float(size[0]), 0.1)
     diameter = max(float(np.sqrt(size[1] * size[2])), 0.05)
     if hull.has_unread_shape:
@@ -105,11 +105,14 @@ def from_sdf(text: str, folder: Path | None = None) -> tuple[HullFile, list[str]
     numerics = _numerics(hull, water, matrices, munk_factor, placing, length, diameter, remarks)
     parts = [
         *_thruster_parts(
-            gazebo_thrusters, placing, _default_thrust(gazebo_thrusters, matrices, turn), remarks
+            gazebo_thrusters,
+            placing,
+            _default_thrust(gazebo_thrusters, matrices, rotation),
+            remarks,
         ),
         *_fin_parts(gazebo_fins, placing),
     ]
-    inertia = turn @ hull.inertia @ turn.T
+    inertia = rotation @ hull.inertia @ rotation.T
     products = [inertia[0, 1], inertia[0, 2], inertia[1, 2]]
     return HullFile(
         name=_name(model.name or "hull"),
@@ -174,7 +177,7 @@ def _reference(model: SdfModel) -> Floats:
     raise AssertionError("the model was chosen for its plugin")
 
 
-def _turn(
+def _rotation_to_body(
     hull: body.SdfHull, gazebo_thrusters: list[thrusters.GazeboThruster], remarks: Remarks
 ) -> Floats:
     """From the model's axes to the body's, whose x points to the nose.
@@ -218,13 +221,15 @@ def _turn(
 
 
 def _default_thrust(
-    gazebo_thrusters: list[thrusters.GazeboThruster], matrices: hydrodynamics.Matrices, turn: Floats
+    gazebo_thrusters: list[thrusters.GazeboThruster],
+    matrices: hydrodynamics.Matrices,
+    rotation: Floats,
 ) -> float:
     """Thrust of each thruster with which all together reach `ASSUMED_SPEED` ahead, within bounds
     [N].
     """
     load = matrices.linear[0, 0] * ASSUMED_SPEED + matrices.quadratic[0, 0] * ASSUMED_SPEED**2
-    shares = sum(abs(float(turn[0] @ thruster.axis)) for thruster in gazebo_thrusters)
+    shares = sum(abs(float(rotation[0] @ thruster.axis)) for thruster in gazebo_thrusters)
     thrust = load / shares if shares > 0.1 else MIN_ASSUMED_THRUST
     return float(np.clip(thrust, MIN_ASSUMED_THRUST, thrusters.GAZEBO_LIMIT))
 
@@ -232,13 +237,13 @@ def _default_thrust(
 def _remark_on_moved(
     coefficients: list[hydrodynamics.LinkCoefficients],
     origin: Floats,
-    turn: Floats,
+    rotation: Floats,
     remarks: Remarks,
 ) -> None:
     """Remark on coefficients that are moved or turned from their link to the axes of the hull."""
     for link in coefficients:
         arm = float(np.linalg.norm(link.frame[:3, 3] - origin))
-        axes = np.abs(turn @ link.frame[:3, :3])
+        axes = np.abs(rotation @ link.frame[:3, :3])
         is_turned = not np.allclose(axes, np.round(axes), atol=1e-6)
         if arm < 1e-9 and not is_turned:
             continue

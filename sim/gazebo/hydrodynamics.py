@@ -217,7 +217,7 @@ def _quadratic(parameters: Parameters, is_tethys: bool, remarks: Remarks) -> Flo
     return damping
 
 
-def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Floats) -> Matrices:
+def about_point(coefficients: list[LinkCoefficients], rotation: Floats, point: Floats) -> Matrices:
     """The sum of all links' coefficients about one point.
 
     Added mass and linear damping are moved and turned exactly. Quadratic damping is that of motions
@@ -226,14 +226,14 @@ def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Float
 
     Args:
         coefficients: by link.
-        turn: 3×3, from the model's axes to the body's.
+        rotation: 3×3, from the model's axes to the body's.
         point: origin of the body in the model [m].
     """
     added = np.zeros((6, 6))
     linear = np.zeros((6, 6))
     quadratic = np.zeros((6, 6))
     for link in coefficients:
-        motion = motion_at(link.frame, turn, point)
+        motion = motion_at(link.frame, rotation, point)
         added += motion.T @ link.added_mass @ motion
         linear += motion.T @ link.linear @ motion
         for j in range(6):
@@ -243,12 +243,12 @@ def about_point(coefficients: list[LinkCoefficients], turn: Floats, point: Float
     return Matrices((added + added.T) / 2.0, linear, quadratic)
 
 
-def motion_at(frame: Floats, turn: Floats, point: Floats) -> Floats:
+def motion_at(frame: Floats, rotation: Floats, point: Floats) -> Floats:
     """6×6 from the body's velocities about its origin to those of a frame's origin, along the
     frame's axes.
     """
-    arm = turn @ (frame[:3, 3] - point)
-    axes = (turn @ frame[:3, :3]).T
+    arm = rotation @ (frame[:3, 3] - point)
+    axes = (rotation @ frame[:3, :3]).T
     cross = np.array([[0.0, -arm[2], arm[1]], [arm[2], 0.0, -arm[0]], [-arm[1], arm[0], 0.0]])
     motion = np.zeros((6, 6))
     motion[:3, :3] = motion[3:, 3:] = axes

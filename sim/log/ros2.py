@@ -333,9 +333,10 @@ def _estimate(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
     )
     # east and north in the body, which is level: forward, then port
     yaw = 0.5 * np.pi - m.heading[valid]
-    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]]).transpose(2, 0, 1)
-    velocity = np.einsum("nij,nj->ni", turn, e.state[valid, 2:])
-    velocity_covariance = turn @ e.covariance[valid, 2:, 2:] @ turn.transpose(0, 2, 1)
+    rotation = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    rotation = rotation.transpose(2, 0, 1)
+    velocity = np.einsum("nij,nj->ni", rotation, e.state[valid, 2:])
+    velocity_covariance = rotation @ e.covariance[valid, 2:, 2:] @ rotation.transpose(0, 2, 1)
     twist = {
         "twist.twist.linear.x": velocity[:, 0],
         "twist.twist.linear.y": velocity[:, 1],

@@ -30,18 +30,19 @@ class RobotShape(NamedTuple):
     kind: str  # "box", "cylinder" or "sphere"
     size: tuple[float, ...]  # edges; radius and length; radius [m]
     position: Floats  # of its centre, shape (3,), [m]
-    turn: Floats  # rotation matrix from the shape to the hull, shape (3, 3)
+    rotation: Floats  # from the shape to the hull, shape (3, 3)
     rgba: tuple[float, ...]
 
 
-def roll_pitch_yaw(turn: Floats) -> tuple[float, float, float]:
+def roll_pitch_yaw(rotation: Floats) -> tuple[float, float, float]:
     """Angles of a rotation matrix about the fixed axes x, y and z in this order [rad]."""
-    cos_pitch = math.hypot(turn[0, 0], turn[1, 0])
-    pitch = math.atan2(-turn[2, 0], cos_pitch)
+    cos_pitch = math.hypot(rotation[0, 0], rotation[1, 0])
+    pitch = math.atan2(-rotation[2, 0], cos_pitch)
     if cos_pitch < 1e-9:
         # roll and yaw turn about the same axis, and roll is taken for zero
-        return 0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])
-    return math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])
+        return 0.0, pitch, math.atan2(-rotation[0, 1], rotation[1, 1])
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    return roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])
 
 
 def _profile(points: Floats, axis: int) -> tuple[Floats, Floats]:
@@ -80,19 +81,19 @@ def _shapes_of(model: mujoco.MjModel, geom: int) -> Iterator[RobotShape]:
     position = model.geom_pos[geom].astype(np.float64)
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, model.geom_quat[geom])
-    turn = matrix.reshape(3, 3)
+    rotation = matrix.reshape(3, 3)
     size = model.geom_size[geom].astype(np.float64)
     if kind == kinds.mjGEOM_BOX:
-        yield RobotShape("box", tuple((2.0 * size).tolist()), position, turn, rgba)
+        yield RobotShape("box", tuple((2.0 * size).tolist()), position, rotation, rgba)
     elif kind == kinds.mjGEOM_SPHERE:
-        yield RobotShape("sphere", (float(size[0]),), position, turn, rgba)
+        yield RobotShape("sphere", (float(size[0]),), position, rotation, rgba)
     elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
         radius = float(size[0])
         half_length = float(size[1])
-        yield RobotShape("cylinder", (radius, 2.0 * half_length), position, turn, rgba)
+        yield RobotShape("cylinder", (radius, 2.0 * half_length), position, rotation, rgba)
         ends = (-half_length, half_length) if kind == kinds.mjGEOM_CAPSULE else ()
         for end in ends:
-            yield RobotShape("sphere", (radius,), position + end * turn[:, 2], turn, rgba)
+            yield RobotShape("sphere", (radius,), position + end * rotation[:, 2], rotation, rgba)
     elif kind in (kinds.mjGEOM_ELLIPSOID, kinds.mjGEOM_MESH):
         if kind == kinds.mjGEOM_ELLIPSOID:
             axis = int(np.argmax(size))
@@ -107,8 +108,8 @@ def _shapes_of(model: mujoco.MjModel, geom: int) -> Iterator[RobotShape]:
             yield RobotShape(
                 "cylinder",
                 (radius, length),
-                position + middle * turn[:, axis],
-                turn @ _TO_AXIS[axis],
+                position + middle * rotation[:, axis],
+                rotation @ _TO_AXIS[axis],
                 rgba,
             )
 
@@ -120,7 +121,7 @@ def _words(values: Iterable[float]) -> str:
 def _add_visual(link: ElementTree.Element, shape: RobotShape) -> None:
     visual = ElementTree.SubElement(link, "visual")
     ElementTree.SubElement(
-        visual, "origin", xyz=_words(shape.position), rpy=_words(roll_pitch_yaw(shape.turn))
+        visual, "origin", xyz=_words(shape.position), rpy=_words(roll_pitch_yaw(shape.rotation))
     )
     geometry = ElementTree.SubElement(visual, "geometry")
     if shape.kind == "box":

@@ -56,9 +56,9 @@ def test_an_ellipse_flattened_by_rounding_is_not_used(shorter: float, expected: 
     """An error along the long axis, of 1 m; a determinant that rounding made negative makes no
     negative square.
     """
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    rotation = np.array([[0.6, -0.8], [0.8, 0.6]])
     covariance = np.zeros((3, 4, 4))
-    covariance[:, :2, :2] = turn @ np.diag([1.0, shorter**2]) @ turn.T
+    covariance[:, :2, :2] = rotation @ np.diag([1.0, shorter**2]) @ rotation.T
     covariance[1:, 0, 1] *= 1.0 + 1e-10 if shorter == 0.0 else 1.0
     given = metrics.nees(
         estimates(state=np.zeros((3, 4)), covariance=covariance), np.tile([0.6, 0.8], (3, 1))
@@ -92,10 +92,10 @@ def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
     assert mirror_locked.tolist() == [True, False, False, True, False, False]
     # the same, turned by 50° to port about the leader and moved with it
     c, s = np.cos(np.deg2rad(50.0)), np.sin(np.deg2rad(50.0))
-    turn, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
+    rotation, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
     turned = (
-        guess @ turn.T + moved,
-        truth @ turn.T + moved,
+        guess @ rotation.T + moved,
+        truth @ rotation.T + moved,
         leader + moved,
         east - np.deg2rad(50.0),
     )

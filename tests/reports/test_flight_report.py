@@ -55,10 +55,10 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
     state[:, :2] = flight.hydrophone(0)[:, :2] + [3.0, 4.0]
     covariance = np.zeros((n, 4, 4))
     # variances 9 and 4 along axes turned by 30°
-    turn = np.array(
+    rotation = np.array(
         [[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]]
     )
-    covariance[:, :2, :2] = turn @ np.diag([9.0, 4.0]) @ turn.T
+    covariance[:, :2, :2] = rotation @ np.diag([9.0, 4.0]) @ rotation.T
     known = dataclasses.replace(
         flight, estimates=(dataclasses.replace(actual, state=state, covariance=covariance),)
     )

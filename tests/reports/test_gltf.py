@@ -112,12 +112,12 @@ def test_hulls_move_as_the_vehicles_do(
     time, place = exported.motion(truth.names[vehicle], "translation")
     position, quaternion = truth.at(time.clip(0, truth.time[-1]))
     np.testing.assert_allclose(place, position[:, vehicle], atol=1e-4)
-    same_time, turn = exported.motion(truth.names[vehicle], "rotation")
+    same_time, quaternion = exported.motion(truth.names[vehicle], "rotation")
     np.testing.assert_array_equal(same_time, time)
     assert time[-1] == pytest.approx(truth.time[-1], abs=0.2)
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0]])
     for axis in axes:
-        ours = attitude.rotate(np.roll(turn, 1, axis=1), axis)
+        ours = attitude.rotate(np.roll(quaternion, 1, axis=1), axis)
         np.testing.assert_allclose(ours, attitude.rotate(quaternion[:, vehicle], axis), atol=1e-5)
 
 

@@ -80,12 +80,13 @@ def test_figures_are_those_of_the_vehicle() -> None:
 
 
 def test_an_ellipse_has_the_axes_of_its_covariance() -> None:
-    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
-    outline = ellipse(np.array([5.0, -2.0]), turn @ np.diag([9.0, 0.25]) @ turn.T) - [5.0, -2.0]
+    rotation = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    covariance = rotation @ np.diag([9.0, 0.25]) @ rotation.T
+    outline = ellipse(np.array([5.0, -2.0]), covariance) - [5.0, -2.0]
     distance = np.hypot(*outline.T)
     assert (distance.max(), distance.min()) == pytest.approx((6.0, 1.0), rel=1e-3)
     along = outline[np.argmax(distance)]
-    assert abs(along @ turn[:, 1]) < 0.2
+    assert abs(along @ rotation[:, 1]) < 0.2
 
 
 def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:

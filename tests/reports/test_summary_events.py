@@ -38,8 +38,9 @@ def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
 
 
 def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
-    turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
-    assert largest_sigma((turn @ np.diag([9.0, 4.0]) @ turn.T)[None]) == pytest.approx([3.0])
+    rotation = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
+    covariance = rotation @ np.diag([9.0, 4.0]) @ rotation.T
+    assert largest_sigma(covariance[None]) == pytest.approx([3.0])
 
 
 @pytest.mark.parametrize(("apart", "near"), [(8.4, True), (8.6, False)])

@@ -93,10 +93,12 @@ def by_filterpy(
             return np.asarray(np.r_[x[:2] + way, x[2:]])
 
         heading = now[1] - kalman.x[3]
-        turn = np.array([[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]])
+        rotation = np.array(
+            [[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]]
+        )
         noise = np.diag([settings.speed_sigma**2, (settings.heading_sigma * now[0]) ** 2])
         kalman.Q = np.zeros((7, 7))
-        kalman.Q[:2, :2] = dt**2 * turn.T @ noise @ turn
+        kalman.Q[:2, :2] = dt**2 * rotation.T @ noise @ rotation
         kalman.Q[2, 2], kalman.Q[3, 3] = 4e-8 * dt, 2.25e-8 * dt
         kalman.Q[5, 5] = kalman.Q[6, 6] = walk * dt
         kalman.F = derivative(moved, kalman.x)
@@ -338,10 +340,10 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
                 settings.speed_sigma**2 * now.T @ now
                 + settings.heading_sigma**2 * across.T @ across
             )
-            turn = np.array(
+            rotation = np.array(
                 [[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]]
             )
-            moved = turn @ (after[:2] - before[:2] - current) - way + log * path
+            moved = rotation @ (after[:2] - before[:2] - current) - way + log * path
             actual.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
             actual.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
             places = np.array([reception.message.east, reception.message.north]) + offsets

@@ -35,9 +35,9 @@ def test_particles_move_by_the_odometry_turned_by_their_compass_bias() -> None:
     for before, after, noise in zip(PARTICLES, particles, normals, strict=True):
         bias = before[3]
         # a compass that reads too much has turned the way clockwise
-        turn = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
+        rotation = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
         way = displacement - before[2] * path + root @ noise[:2]
-        expected = before[:2] + turn @ way + 2.5 * before[5:]
+        expected = before[:2] + rotation @ way + 2.5 * before[5:]
         np.testing.assert_allclose(after[:2], expected, atol=1e-12)
         np.testing.assert_allclose(after[[2, 3, 5, 6]], before[[2, 3, 5, 6]] + walks * noise[2:])
         assert after[4] == before[4]

@@ -98,9 +98,9 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     # the clock's offset grows by its rate
     F[10, 11] = 3.0
     c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
-    turn = np.array([[c, -s], [s, c]])
+    rotation = np.array([[c, -s], [s, c]])
     Q = np.zeros((N, N))
-    Q[:2, :2] = turn @ np.array([[motion[4], motion[5]], [motion[5], motion[6]]]) @ turn.T
+    Q[:2, :2] = rotation @ np.array([[motion[4], motion[5]], [motion[5], motion[6]]]) @ rotation.T
     Q[:2, :2] += 0.02**2 * 3.0 * np.eye(2)
     kalman = KalmanFilter(dim_x=N, dim_z=1)
     kalman.x, kalman.P = BIASES.copy(), belief.covariance[0, :N, :N].copy()

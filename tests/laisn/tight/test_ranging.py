@@ -34,11 +34,11 @@ def ranges_of(
     state: npt.NDArray[np.complex128] | Floats, farthest: float
 ) -> npt.NDArray[np.complex128]:
     """z_i = ρ_i (1 + b_r / max z) + d_i + τ, analytic in the state."""
-    turn = np.array(
+    rotation = np.array(
         [[np.cos(state[5]), -np.sin(state[5])], [np.sin(state[5]), np.cos(state[5])]],
         dtype=np.complex128,
     )
-    separation = state[:2] - LEADER - (turn @ ARMS[:, :2].T).T
+    separation = state[:2] - LEADER - (rotation @ ARMS[:, :2].T).T
     rho = np.sqrt(np.sum(separation**2, axis=1) + ARMS[:, 2] ** 2)
     return np.asarray(
         rho * (1.0 + state[4] / farthest) + np.concatenate([[0.0], state[8:10]]) + state[10]

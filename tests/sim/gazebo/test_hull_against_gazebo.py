@@ -36,10 +36,10 @@ class Foil:
 
     def force(self, density: float, angle: float, v: Floats, w: Floats) -> tuple[Floats, Floats]:
         """Force and its moment about the hull's origin, at an angle of the joint."""
-        turn = Rotation.from_rotvec(angle * np.array(self.hinge)).as_matrix()
-        forward = turn @ np.array([1.0, 0.0, 0.0])
-        upward = turn @ np.array(self.upward)
-        place = np.array(self.place) + turn @ np.array(self.cp)
+        rotation = Rotation.from_rotvec(angle * np.array(self.hinge)).as_matrix()
+        forward = rotation @ np.array([1.0, 0.0, 0.0])
+        upward = rotation @ np.array(self.upward)
+        place = np.array(self.place) + rotation @ np.array(self.cp)
         flow = v + np.cross(w, place)
         speed = np.linalg.norm(flow)
         if speed <= 0.01 or forward @ flow <= 0.0:

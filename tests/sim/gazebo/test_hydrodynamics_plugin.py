@@ -152,8 +152,8 @@ def test_coefficients_about_another_point_have_the_same_power() -> None:
     """Power of linear damping and energy of added mass do not depend on the point of reference."""
     generator = np.random.default_rng(5)
     frame = np.eye(4)
-    turn = np.linalg.qr(generator.normal(size=(3, 3)))[0]
-    frame[:3, :3] = turn * np.linalg.det(turn)
+    rotation = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    frame[:3, :3] = rotation * np.linalg.det(rotation)
     frame[:3, 3] = generator.normal(size=3)
     root = generator.normal(size=(6, 6))
     matrix = root @ root.T

@@ -200,9 +200,9 @@ def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
     np.testing.assert_allclose(
         row("/world/scene/follower/ping/lines", 10)[1:9], np.ravel(sites)[:8], rtol=1e-5
     )
-    turn = t.quaternion[step, 0, [1, 2, 3, 0]]
+    quaternion = t.quaternion[step, 0, [1, 2, 3, 0]]
     np.testing.assert_allclose(
-        row("/world/leader", 10), [*turn, *t.position[step, 0]], rtol=1e-5, atol=1e-6
+        row("/world/leader", 10), [*quaternion, *t.position[step, 0]], rtol=1e-5, atol=1e-6
     )
     np.testing.assert_allclose(
         row("/world/scene/leader/trail/lines", 10)[4:7], t.position[10, 0], rtol=1e-5, atol=1e-6

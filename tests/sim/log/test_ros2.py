@@ -80,8 +80,8 @@ def xyz(point: Any) -> list[float]:
     return [point.x, point.y, point.z]
 
 
-def wxyz(turn: Any) -> list[float]:
-    return [turn.w, turn.x, turn.y, turn.z]
+def wxyz(quaternion: Any) -> list[float]:
+    return [quaternion.w, quaternion.x, quaternion.y, quaternion.z]
 
 
 @pytest.fixture(scope="module")
@@ -199,8 +199,8 @@ def test_a_vehicle_at_030_points_there(tmp_path: Path) -> None:
         for _, message in topics["/tf"]
         for transform in message.transforms
     }
-    turn = frames["leader/base_link"].transform.rotation
-    hull = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    quaternion = frames["leader/base_link"].transform.rotation
+    hull = Rotation.from_quat([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
     s, c = 0.5, math.sqrt(0.75)
     up, level = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
     assert np.allclose(hull.apply([1, 0, 0]), [s * level, c * level, up], atol=1e-12)
@@ -305,13 +305,13 @@ def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
         assert geometry is not None
         place = np.array(str(origin.get("xyz")).split(), float)
         angles = np.array(str(origin.get("rpy")).split(), float)
-        turn = Rotation.from_euler("xyz", angles)
+        rotation = Rotation.from_euler("xyz", angles)
         for cylinder in geometry.findall("cylinder"):
             half = 0.5 * float(str(cylinder.get("length")))
             radius = float(str(cylinder.get("radius")))
             for end in (-half, half):
                 # a disc of a cylinder reaches along x by its radius times the sine
-                axis = turn.apply([0, 0, 1])
+                axis = rotation.apply([0, 0, 1])
                 aside = radius * math.sqrt(max(0.0, 1.0 - axis[0] ** 2))
                 ends += [place[0] + end * axis[0] - aside, place[0] + end * axis[0] + aside]
     assert min(ends) == pytest.approx(-1.03, abs=1e-4)
@@ -344,9 +344,9 @@ def test_the_view_shows_what_is_in_the_bag(bag: Path, flight: FlightRecord) -> N
 
 @pytest.mark.parametrize("seed", range(5))
 def test_angles_of_a_description(seed: int) -> None:
-    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
-    again = Rotation.from_euler("xyz", roll_pitch_yaw(turn)).as_matrix()
-    assert np.allclose(again, turn, atol=1e-12)
+    rotation = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
+    assert np.allclose(again, rotation, atol=1e-12)
     upright = Rotation.from_euler("xyz", [0.0, 0.5 * math.pi, 0.3 * seed]).as_matrix()
     again = Rotation.from_euler("xyz", roll_pitch_yaw(upright)).as_matrix()
     assert np.allclose(again, upright, atol=1e-9)

@@ -349,7 +349,7 @@ def test_lauv_turns_as_its_balances_predict() -> None:
     plant = plant_of("lauv", speed=1.2)
     rudder, thrust = 0.1, 10.0
     plant.step(np.array([[thrust, rudder, rudder, 0.0, 0.0]]), 3000)
-    turn = np.array(mujoco_rotation(plant)).T @ plant.twist[0, :3]
+    velocity = np.array(mujoco_rotation(plant)).T @ plant.twist[0, :3]
 
     def rates(x: Floats) -> Floats:
         u, v, r = x
@@ -371,10 +371,10 @@ def test_lauv_turns_as_its_balances_predict() -> None:
             ]
         )
 
-    u, v, r = fsolve(rates, [turn[0], turn[1], plant.twist[0, 5]])
-    assert turn[0] == pytest.approx(u, rel=0.02)
+    u, v, r = fsolve(rates, [velocity[0], velocity[1], plant.twist[0, 5]])
+    assert velocity[0] == pytest.approx(u, rel=0.02)
     assert plant.twist[0, 5] == pytest.approx(r, rel=0.03)
-    assert np.hypot(turn[0], turn[1]) / abs(plant.twist[0, 5]) == pytest.approx(
+    assert np.hypot(velocity[0], velocity[1]) / abs(plant.twist[0, 5]) == pytest.approx(
         np.hypot(u, v) / abs(r), rel=0.03
     )
 
@@ -497,10 +497,10 @@ def test_geoms_of_fins_turn_with_the_deflection() -> None:
     state = np.array([20.0, 0.2, 0.2, -0.1, -0.1])
     fins.turn(state)
     for name, deflection, axis in (("rudder_top", 0.2, 1), ("stern_plane_port", -0.1, 2)):
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, model.geom(name).quat)
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.geom(name).quat)
         # the nose of the fin goes where it pushes
-        chord = turn.reshape(3, 3)[:, 0]
+        chord = rotation.reshape(3, 3)[:, 0]
         assert chord[axis] == pytest.approx(np.sin(deflection))
         assert chord[0] == pytest.approx(np.cos(deflection))
     assert not effectors.MovingFins(spec_of("follower").compile())
