@@ -93,6 +93,13 @@ class NavigatorSpec:
     extra: Extra | None = None  # without which it cannot be made
 
     @property
+    def reads_assumptions(self) -> bool:
+        """Whether it reads all of `navigation.assume`, as the tightly coupled navigator does;
+        settings of rivals have this table too, of which they read `current` alone.
+        """
+        return self.settings is TightSettings
+
+    @property
     def missing(self) -> str:
         """What it needs that is not installed, and what to do; empty if nothing is missing."""
         return self.extra.missing if self.extra else ""

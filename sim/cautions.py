@@ -55,9 +55,9 @@ def has(*fields: str) -> Callable[[Settings, str], bool]:
 
 def _expects_common_echoes(settings: Settings, variant: str) -> bool:
     """Whether the paths by surface and floor are computed from depths: by the tightly coupled
-    navigator, the one that is compared with the Cramér–Rao bound.
+    navigator.
     """
-    return hasattr(settings, "floor_depth") and find(variant).compare_with_crlb
+    return hasattr(settings, "floor_depth") and find(variant).reads_assumptions
 
 
 def distances(plan: MissionPlan, follower: Follower) -> Floats:
@@ -244,7 +244,7 @@ def _follows_drift(settings: Settings, variant: str) -> bool:
     True of one that estimates none.
     """
     assume = getattr(settings, "assume", None)
-    return not find(variant).compare_with_crlb or bool(getattr(assume, "drift", True))
+    return not find(variant).reads_assumptions or bool(getattr(assume, "drift", True))
 
 
 RULES = (
@@ -325,9 +325,7 @@ def _sentence(rule: Rule, effect: str, navigation: Navigation) -> str:
     variant = navigation.variant
     navigator = f"navigator {variant!r}"
     section, _, name = rule.assumption.partition(".")
-    # navigators that are compared with the bound read the keys of `[navigation.assume]`; settings
-    # of others have this table too, and do not use it
-    if section and find(variant).compare_with_crlb:
+    if section and find(variant).reads_assumptions:
         value = getattr(getattr(navigation, section), name)
         text = str(value).lower() if isinstance(value, bool) else f"{value:g}"
         navigator = f"navigation.{rule.assumption} = {text}"
