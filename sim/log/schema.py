@@ -25,6 +25,7 @@ from laisn.errors import LaisnError
 from laisn.estimates import LogColumns
 from laisn.messages import Channel, LeaderMessage, Ranges, SensorHeader
 from laisn.navigators import NAVIGATORS
+from sim.sensing.sensor import name_in_fields
 from sim.sensing.sensors import OWN_SENSORS
 
 Array = npt.NDArray[Any]
@@ -295,7 +296,7 @@ ROUND_TRIP = "round_trip"
 
 def content_fields(sensor: str, channels: Sequence[str]) -> tuple[str, ...]:
     """Fields of the readings of a sender's sensor in its messages."""
-    return tuple(f"{sensor.replace('-', '_')}__{channel}" for channel in channels)
+    return tuple(f"{name_in_fields(sensor)}__{channel}" for channel in channels)
 
 
 @cache

@@ -10,7 +10,7 @@ Compiled code calls the methods of those that every follower and the leader have
 import inspect
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -302,8 +302,31 @@ class SensorDriver:
         return readings
 
 
+def name_in_fields(sensor: str) -> str:
+    """What fields of logs call a sensor: names of fields hold no "-"."""
+    return sensor.replace("-", "_")
+
+
+def require_distinct_fields(drivers: Iterable[SensorDriver]) -> None:
+    """LaisnError if two sensors, be it of different vehicles, have names that are one name in the
+    fields of logs: a message with readings of both would hold those of one.
+    """
+    named: dict[str, SensorDriver] = {}
+    for driver in drivers:
+        other = named.setdefault(name_in_fields(driver.name), driver)
+        if other.name != driver.name:
+            raise LaisnError(
+                f"sensors.custom: {other.name!r} ({other.kind}) and {driver.name!r} "
+                f"({driver.kind}) are both {name_in_fields(driver.name)!r} in the fields of logs; "
+                "give one of them a name that differs in more than '-' and '_'"
+            )
+
+
 def require_distinct(drivers: Sequence[SensorDriver]) -> None:
-    """LaisnError if two sensors have one name or one stream of noise, or a stream is not there."""
+    """LaisnError if two sensors have one name, also in the fields of logs, or one stream of noise,
+    or a stream is not there.
+    """
+    require_distinct_fields(drivers)
     for first, second in combinations(drivers, 2):
         if first.name == second.name:
             raise LaisnError(

@@ -50,6 +50,7 @@ from sim.sensing.sensor import (
     SensorDriver,
     VehicleState,
     require_distinct,
+    require_distinct_fields,
 )
 from sim.sensing.sonar import hearing_probability, sonar_of
 from sim.trajectory import Trajectory, speed_through_water
@@ -760,7 +761,8 @@ def leader_custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
 
 def sensors_of_all(sensing_of: Sequence[SensingSettings]) -> tuple[SensorDriver, ...]:
     """Further sensors of all vehicles, those of one declaration once, by the settings for each
-    follower; LaisnError also if two vehicles have sensors of one name with other channels.
+    follower; LaisnError also if two vehicles have sensors of one name with other channels, or of
+    names that are one in the fields of logs.
     """
     drivers = [*leader_custom_sensors(sensing_of[0])]
     for follower, sensing in enumerate(sensing_of):
@@ -773,6 +775,7 @@ def sensors_of_all(sensing_of: Sequence[SensingSettings]) -> tuple[SensorDriver,
                 f"sensors.custom: {other.kind} and {driver.kind}, of different vehicles, are both "
                 f"named {driver.name!r}; expected the same channels and period, or another name"
             )
+    require_distinct_fields(distinct.values())
     return tuple(distinct.values())
 
 

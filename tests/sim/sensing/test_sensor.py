@@ -353,6 +353,21 @@ def test_two_sensors_have_names_and_noise_of_their_own(
         laisn_sim.fly("T5", {"duration_s": 1.0, "sensors.custom": listed})
 
 
+@pytest.mark.parametrize("key", ["sensors.custom", "leader.sensors.custom"])
+def test_names_that_are_one_in_the_fields_of_logs_are_refused(key: str) -> None:
+    """On one vehicle and on two: a link with readings of both would log those of one."""
+    hyphen = register(type("Hyphen", (Probe,), {"name": "a-b"}))
+    underscore = register(type("Underscore", (Probe,), {"name": "a_b", "stream": 31}))
+    changes = {"sensors.custom": [{"sensor": hyphen}]}
+    changes[key] = [*changes.get(key, []), {"sensor": underscore}]
+    expected = r"'a-b' \(Hyphen\) and 'a_b' \(Underscore\) are both 'a_b' in the fields of logs"
+    if key.startswith("leader"):
+        # the leader's come first
+        expected = r"'a_b' \(Underscore\) and 'a-b' \(Hyphen\) are both 'a_b' in the fields of logs"
+    with pytest.raises(LaisnError, match=expected):
+        laisn_sim.load("T5", changes)
+
+
 @dataclass(frozen=True, kw_only=True)
 class TravelTime(Sensor):
     """Time of the direct ray from 20 m below the surface above the vehicle's start."""
