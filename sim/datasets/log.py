@@ -2,6 +2,7 @@
 follower.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -102,7 +103,7 @@ def _times_and_transmitters(data: RangeData) -> tuple[Floats, Ints]:
     has_own_transmitters = len(data.beacons) <= len(_TRANSMITTERS)
     used_transmitters = set[int]()
     has_robot = False
-    last = -1.0
+    last = -math.inf
     for i, (time, beacon) in enumerate(
         zip(data.range_time.tolist(), data.range_beacon.tolist(), strict=True)
     ):

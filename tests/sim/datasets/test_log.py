@@ -19,7 +19,13 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
 from sim.datasets import range_data
-from sim.datasets.log import is_data_set, read_data_set, read_data_set_log, write_data_set
+from sim.datasets.log import (
+    _times_and_transmitters,
+    is_data_set,
+    read_data_set,
+    read_data_set_log,
+    write_data_set,
+)
 from sim.datasets.range_data import RangeData
 from sim.log.contents import LogError, recover
 from tests.sim.log.damage import Parts
@@ -90,6 +96,27 @@ def test_times_in_nanoseconds_are_read_in_seconds(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.time - 1.6e9, [10.0, 11.0, 13.0], rtol=0, atol=1e-6)
     np.testing.assert_allclose(data.range_time - 1.6e9, [11.2, 12.5, 13.0], rtol=0, atol=1e-6)
     assert data.stated["slip"] == pytest.approx(math.sqrt(0.0075), rel=1e-6)
+
+
+def test_ranges_before_time_zero_keep_their_times() -> None:
+    """Poses begin at 0 s or later, ranges when they may; the second to a beacon at one time is a
+    microsecond later.
+    """
+    data = RangeData(
+        source="early",
+        start=np.zeros(3),
+        time=np.arange(4.0),
+        odometry=np.tile([1.0, 0.0, 0.0], (3, 1)),
+        beacons=("a", "b"),
+        places=np.array([[10.0, 0.0], [0.0, 10.0]]),
+        range_time=np.array([-5.0, -3.0, -3.0, -3.0, 1.5]),
+        range_beacon=np.array([0, 0, 1, 1, 1]),
+        ranges=np.full(5, 10.0),
+        truth=np.empty((0, 3)),
+    )
+    times, transmitters = _times_and_transmitters(data)
+    assert times.tolist() == [-5.0, -3.0, -3.0, -3.0 + 1e-6, 1.5]
+    assert transmitters.tolist() == [0, 0, 1, 1, 1]
 
 
 def test_milliseconds_taken_for_seconds_are_doubted(tmp_path: Path) -> None:
