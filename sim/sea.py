@@ -68,15 +68,21 @@ def areas_of(sea: SeaSettings) -> tuple[Area, ...]:
     )
 
 
+def _extent(region: Region) -> str:
+    """Where a region lies, for a message."""
+    return (
+        f"{region.west:.0f} to {region.east:.0f} m east and {region.south:.0f} to "
+        f"{region.north:.0f} m north"
+    )
+
+
 def _require_area(area: Area, path: PlannedPath) -> None:
     outside = ~area.region.within(path.position[:, :2])
     if outside.any():
         first = int(np.argmax(outside))
-        covered = area.region
         raise LaisnError(
-            f"{area.key}: {path.key} leaves it {path.at(first)}; it covers {covered.west:.0f} to "
-            f"{covered.east:.0f} m east and {covered.south:.0f} to {covered.north:.0f} m north of "
-            "the origin"
+            f"{area.key}: {path.key} leaves it {path.at(first)}; it covers {_extent(area.region)} "
+            "of the origin"
         )
 
 
@@ -128,17 +134,26 @@ def require_sea(sea: SeaSettings) -> None:
 
 
 def require_beacons(sound: SoundSettings) -> None:
-    """LaisnError where a beacon lies below a floor from a file, as far as that is known there."""
+    """LaisnError where a beacon lies below a floor from a file. Beyond the part that was read, the
+    floor is that of its edge, as it is for sound.
+    """
     field = floor_field(sound.sea)
     if field is None:
         return
     for east, north, depth in sound.beacons_m:
         place = np.array([[east, north]])
         floor_depth = float(field.floor.depths_at(*place.T)[0])
-        if field.region.within(place)[0] and depth > floor_depth:
+        if depth > floor_depth:
+            beyond = ""
+            if not field.region.within(place)[0]:
+                beyond = (
+                    f"; that is the depth of its edge, as {_extent(field.region)} of the origin "
+                    "were read of it"
+                )
             raise LaisnError(
                 f"links: the beacon at {east:g} m east, {north:g} m north, {depth:g} m deep is "
                 f"below the floor of ocean.floor.file, which lies at {floor_depth:.3g} m there"
+                f"{beyond}"
             )
 
 

@@ -157,6 +157,23 @@ def test_beacons_lie_above_the_floor_of_a_file(tmp_path: Path, depth: float, bel
     assert ("below the floor of ocean.floor.file, which lies at 40 m" in result.output) == below
 
 
+@pytest.mark.parametrize(("depth", "below"), [(59.0, False), (61.0, True)])
+def test_beyond_what_was_read_of_a_floor_beacons_lie_above_that_of_its_edge(
+    tmp_path: Path, depth: float, below: bool
+) -> None:
+    """As sound has it there: 40 m in the west, 60 m in the east."""
+    axis = np.array([-200.0, 200.0])
+    more = f'[[links]]\nname = "lbl"\nbeacons_m = [[900.0, 50.0, {depth}]]\n'
+    toml = scenario(tmp_path, metres_floor(np.array([[40.0, 60.0]] * 2), axis, axis), more=more)
+    result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
+    assert result.exit_code == (2 if below else 0), result.output
+    assert (
+        "below the floor of ocean.floor.file, which lies at 60 m there; that is the depth of its "
+        "edge, as -200 to 200 m east and -200 to 200 m north of the origin were read of it"
+        in result.output
+    ) == below
+
+
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
