@@ -8,6 +8,7 @@ from typing import Any
 from sim.scenario.settings import Scenario
 
 SCHEMA = Scenario.model_json_schema()
+# values of wrong kinds, not finite, or far outside the bounds of most keys
 FOREIGN: tuple[Any, ...] = (
     float("nan"),
     float("inf"),
@@ -46,11 +47,13 @@ FOREIGN: tuple[Any, ...] = (
     "0001-01-01T00:00:00-14:00",
 )
 
+# values of the keys of text that no enumeration of the schema bounds
 TEXTS = {
     "epoch": ("2030-06-01T12:00:00+02:00", "1970-01-01T00:00:00+00:00"),
     "camera": ("chase", "top", "drone"),
 }
 
+# keys whose values name files or other tables, or must agree with a map
 _NEED_FILES = {"current", "floor", "sound_speed", "origin", "links", "link"}
 
 
@@ -112,7 +115,7 @@ def _value(rng: Random, key: str, schema: dict[str, Any], wild: float) -> Any:
 
 
 def _table(rng: Random, schema: dict[str, Any], wild: float) -> dict[str, Any]:
-    # files that are not there are refused, and other places than those of the map contradict it
+    # missing files are refused, and so is an origin that is not the map's
     keys = {
         key: value
         for key, value in schema["properties"].items()
@@ -127,27 +130,27 @@ def _table(rng: Random, schema: dict[str, Any], wild: float) -> dict[str, Any]:
 
 def _follower(rng: Random, wild: float) -> dict[str, Any]:
     """A follower that mostly has a route or a station, not both."""
-    made = {"route": "T5", **_table(rng, SCHEMA["$defs"]["Follower"], wild)}
-    if "station" in made and rng.random() < 0.5:
+    follower = {"route": "T5", **_table(rng, SCHEMA["$defs"]["Follower"], wild)}
+    if "station" in follower and rng.random() < 0.5:
         behind, port, depth = rng.uniform(4, 40), rng.uniform(-30, 30), rng.uniform(2, 28)
         return {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
     return {
         key: value
-        for key, value in made.items()
+        for key, value in follower.items()
         if key not in {"station", "start_m", "controller"} or rng.random() < wild
     }
 
 
 def table(seed: int, wild: float = 0.01) -> dict[str, Any]:
-    """A scenario's table.
+    """A scenario's table, mostly of valid values.
 
     Args:
         seed: the same seed gives the same table.
-        wild: share of values that are no values of their keys.
+        wild: probability that a value is one of `FOREIGN`, or that a table breaks a rule.
     """
     rng = Random(seed)
-    made = {"duration_s": rng.choice((0.1, 0.2, 1.0, 3.0)), **_table(rng, SCHEMA, wild)}
-    followers = made.get("followers")
+    scenario = {"duration_s": rng.choice((0.1, 0.2, 1.0, 3.0)), **_table(rng, SCHEMA, wild)}
+    followers = scenario.get("followers")
     if not isinstance(followers, list) or rng.random() > wild:
-        made["followers"] = [_follower(rng, wild) for _ in range(rng.choice((1, 1, 2, 4)))]
-    return {"name": "absurd", **made}
+        scenario["followers"] = [_follower(rng, wild) for _ in range(rng.choice((1, 1, 2, 4)))]
+    return {"name": "absurd", **scenario}

@@ -14,7 +14,8 @@ from urllib.request import urlopen
 
 from websockets.sync.client import ClientConnection, connect
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+EXECUTABLES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+# flags: WebGL drawn by the processor, and none
 SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WITHOUT_WEBGL = ("--disable-gpu", "--disable-3d-apis")
 _PATIENCE_S = 60.0
@@ -22,7 +23,7 @@ _PATIENCE_S = 60.0
 
 def executable() -> str | None:
     """Path of a Chromium; None: there is none."""
-    return next((path for name in NAMES if (path := shutil.which(name))), None)
+    return next((path for name in EXECUTABLES if (path := shutil.which(name))), None)
 
 
 class Page:
@@ -56,6 +57,7 @@ class Page:
             self.problems.append(json.dumps(event["params"])[:600])
 
     def size(self, width: int, height: int) -> None:
+        """Set the size of the window [px]."""
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.command("Emulation.setDeviceMetricsOverride", **metrics)
 
@@ -82,9 +84,9 @@ class Page:
 
     def wait(self, condition: str) -> None:
         """Wait until an expression is true; AssertionError after a minute."""
-        end = time.monotonic() + _PATIENCE_S
+        deadline = time.monotonic() + _PATIENCE_S
         while not self.run(condition):
-            assert time.monotonic() < end, f"never true: {condition}"
+            assert time.monotonic() < deadline, f"never true: {condition}"
             time.sleep(0.05)
 
     def click(self, x: float, y: float) -> None:
@@ -142,8 +144,8 @@ def chromium(
 
 def _port(path: Path) -> int:
     """The port that Chromium listens on, which it writes into its profile."""
-    end = time.monotonic() + _PATIENCE_S
-    while time.monotonic() < end:
+    deadline = time.monotonic() + _PATIENCE_S
+    while time.monotonic() < deadline:
         if path.exists() and (lines := path.read_text().splitlines()):
             return int(lines[0])
         time.sleep(0.05)

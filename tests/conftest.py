@@ -82,15 +82,15 @@ def pytest_configure(config: pytest.Config) -> None:
     # workers and single processes need not load the compiler here
     from laisn.compiled import FOLDER
 
-    done = FOLDER and FOLDER / "compiled-for-tests"
-    if done is None or done.exists():
+    marker = FOLDER and FOLDER / "compiled-for-tests"
+    if marker is None or marker.exists():
         return
     children = [
         subprocess.Popen([sys.executable, "-c", program])
         for program in (NAVIGATORS, FLIGHT, CAMPAIGN)
     ]
     if not [child.returncode for child in children if child.wait()]:
-        done.touch()
+        marker.touch()
 
 
 def pytest_collection_finish() -> None:
@@ -110,7 +110,7 @@ def pytest_unconfigure() -> None:
 
 @pytest.fixture
 def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Plugins that a test loads are forgotten after it."""
+    """No plugin is registered when a test starts; those that it loads are forgotten after it."""
     # set first, so that it is removed afterwards also if it was not there before
     monkeypatch.setenv(PLUGINS_VARIABLE, "")
     monkeypatch.delenv(PLUGINS_VARIABLE)

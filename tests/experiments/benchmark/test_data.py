@@ -23,7 +23,7 @@ from laisn.messages import Ranges
 from sim.log.reader import read_recording
 from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
 
-BOTTOM = (
+DVL_NAVIGATOR = (
     "import numpy as np\n"
     "class ByDvl:\n"
     "    needs = ('dvl',)\n"
@@ -36,17 +36,20 @@ BOTTOM = (
     "            self.state[2:] = forward * sine - port * cosine, forward * cosine + port * sine\n"
     "        self.state[:2] += dt * self.state[2:]\n"
 )
-"""Dead reckoning by compass and DVL."""
+"""A plugin: dead reckoning by compass and DVL."""
 
 
 @pytest.mark.parametrize("name", list(missions()))
-def test_every_mission_can_be_flown_and_tells_its_transmitters(name: str) -> None:
+def test_every_mission_makes_a_scenario_with_its_seed_name_and_transmitters(name: str) -> None:
     mission = missions()[name]
     scenario = mission.scenario(3)
     assert scenario.seed == 3
     assert scenario.name == name
     assert scenario.navigation.assume.transmitters == mission.transmitters
-    assert sum(other.scored for other in missions().values()) == 20
+
+
+def test_20_missions_are_scored() -> None:
+    assert sum(mission.scored for mission in missions().values()) == 20
 
 
 def test_what_killed_workers_left_half_written_is_removed(
@@ -64,7 +67,7 @@ def test_what_killed_workers_left_half_written_is_removed(
 
 
 @pytest.mark.parametrize(
-    ("broken", "problem"),
+    ("damage", "problem"),
     [
         (lambda lines: lines[:1], "has no rows"),
         (
@@ -78,16 +81,16 @@ def test_what_killed_workers_left_half_written_is_removed(
     ],
 )
 def test_broken_measurements_are_refused(
-    tmp_path: Path, broken: Callable[[list[str]], list[str]], problem: str
+    tmp_path: Path, damage: Callable[[list[str]], list[str]], problem: str
 ) -> None:
     table = SAMPLE / "measurements" / "astern" / "01" / "follower.csv"
     copy = tmp_path / "follower.csv"
-    copy.write_text("\n".join(broken(table.read_text(encoding="utf-8").splitlines())) + "\n")
+    copy.write_text("\n".join(damage(table.read_text(encoding="utf-8").splitlines())) + "\n")
     with pytest.raises(LaisnError, match=problem):
         read_measurements(copy)
 
 
-def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:
+def test_an_imported_table_has_the_measurements_of_the_table(tmp_path: Path) -> None:
     """A table of the benchmark is one that `laisn log import` takes."""
     table = SAMPLE / "measurements" / "astern" / "01" / "follower.csv"
     laisn("log", "import", table, "--out", tmp_path / "run.mcap")
@@ -101,7 +104,7 @@ def test_the_importer_reads_the_same_measurements(tmp_path: Path) -> None:
         )
 
 
-def test_of_two_transmitters_the_third_has_no_column() -> None:
+def test_a_mission_of_two_transmitters_has_no_column_of_the_third() -> None:
     folder = SAMPLE / "measurements"
     three = read_columns(folder / "astern" / "01" / "follower.csv")
     two = read_columns(folder / "straight-astern-two" / "01" / "follower.csv")
@@ -111,77 +114,86 @@ def test_of_two_transmitters_the_third_has_no_column() -> None:
 
 @pytest.mark.system
 def test_version_1_stays_as_it_is(tmp_path: Path) -> None:
-    """The sample of the repository is written anew, to a digit of the last decimal.
+    """Written anew, the sample of the repository is the same to one digit of the last decimal.
 
-    Files that differ more are another version of the benchmark: VERSION has to be raised.
+    A sample that differs more is another version of the benchmark: VERSION has to be raised.
     """
     manifest = json.loads((SAMPLE / MANIFEST).read_text(encoding="utf-8"))
-    chosen = [word for name in manifest["missions"] for word in ("--mission", name)]
+    mission_options = [word for name in manifest["missions"] for word in ("--mission", name)]
     seconds = manifest["seconds"]
-    data = tmp_path / "data"
-    laisn("bench-data", data, *chosen, "--seeds", 1, "--seconds", seconds, "--workers", 1)
-    written = json.loads((data / MANIFEST).read_text(encoding="utf-8"))
+    folder = tmp_path / "data"
+    laisn(
+        "bench-data", folder, *mission_options, "--seeds", 1, "--seconds", seconds, "--workers", 1
+    )
+    written = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     assert list(written["files"]) == list(manifest["files"])
     for name in manifest["files"]:
         if name.endswith(".toml"):
-            assert (data / name).read_text("utf-8") == (SAMPLE / name).read_text("utf-8")
+            assert (folder / name).read_text("utf-8") == (SAMPLE / name).read_text("utf-8")
             continue
-        new, old = read_columns(data / name), read_columns(SAMPLE / name)
+        new, old = read_columns(folder / name), read_columns(SAMPLE / name)
         assert list(new) == list(old)
-        for column, values in old.items():
-            np.testing.assert_allclose(new[column], values, rtol=0, atol=1.01e-4, err_msg=column)
+        for column, old_values in old.items():
+            np.testing.assert_allclose(
+                new[column], old_values, rtol=0, atol=1.01e-4, err_msg=column
+            )
 
 
 @pytest.mark.system
 def test_further_sensors_are_in_all_formats_and_navigators_get_them(tmp_path: Path) -> None:
-    """The table is what the DVL measured: with it, a current is no error of dead reckoning."""
-    data = tmp_path / "data"
-    only = ("--mission", "bottom-lock", "--seeds", 1, "--seconds", 60, "--workers", 1)
-    laisn("bench-data", data, *only, "--format", "mcap")
-    measured = read_measurements(data / "measurements" / "bottom-lock" / "01" / "follower.csv")
-    log, _ = read_recording(data / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
+    """The tables and the log have the same readings, which agree with the truth to their noise;
+    dead reckoning by the DVL, which measures over ground, is not carried off by the current.
+    """
+    folder = tmp_path / "data"
+    options = ("--mission", "bottom-lock", "--seeds", 1, "--seconds", 60, "--workers", 1)
+    laisn("bench-data", folder, *options, "--format", "mcap")
+    measured = read_measurements(folder / "measurements" / "bottom-lock" / "01" / "follower.csv")
+    log, _ = read_recording(folder / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
     assert set(measured.custom) == {"dvl", "gyros", "inclinometer"}
     for name, readings in measured.custom.items():
         np.testing.assert_allclose(log.custom[name], readings, rtol=0, atol=1e-12, err_msg=name)
     forward, port, _, altitude = measured.custom["dvl"].T
-    due = np.isfinite(forward)
-    # every 0.2 s, one in ten left out
+    measured_steps = np.isfinite(forward)
+    # the DVL measures at every second step of 0.1 s, and one reading in ten drops out
     assert np.isnan(forward[::2]).all()
-    assert 0.8 < 2.0 * due.mean() < 0.98
-    truth = read_truth(data / "truth" / "bottom-lock" / "01" / "follower.csv")
+    assert 0.8 < 2.0 * measured_steps.mean() < 0.98
+    truth = read_truth(folder / "truth" / "bottom-lock" / "01" / "follower.csv")
     speed = np.hypot(*np.gradient(truth.position, measured.dt, axis=0).T)
-    np.testing.assert_allclose(np.hypot(forward, port)[due], speed[due], atol=0.06)
-    assert np.all(np.abs(altitude[due] + measured.depth[due] - 30.0) < 0.3)
-    (tmp_path / "bottom.py").write_text(BOTTOM, encoding="utf-8")
+    np.testing.assert_allclose(
+        np.hypot(forward, port)[measured_steps], speed[measured_steps], atol=0.06
+    )
+    # the sea is 30 m deep
+    assert np.all(np.abs(altitude[measured_steps] + measured.depth[measured_steps] - 30.0) < 0.3)
+    (tmp_path / "bottom.py").write_text(DVL_NAVIGATOR, encoding="utf-8")
     laisn(
         *("score", "--navigator", "bottom:ByDvl", "--plugin", tmp_path / "bottom.py"),
-        *("--data", data, "--out", tmp_path / "scores.csv"),
+        *("--data", folder, "--out", tmp_path / "scores.csv"),
     )
     (row,) = scores_of(tmp_path / "scores.csv")
-    # 60 s with a current of 0.3 m/s: 18 m by the log
+    # by the log, which measures through the water, 60 s in a current of 0.3 m/s are 18 m off
     assert float(row["e_p_max_m"]) < 9.0
 
 
 @pytest.mark.system
-def test_a_task_tells_the_profile_by_which_rays_bend(tmp_path: Path) -> None:
-    data = tmp_path / "data"
-    only = ("--mission", "thermocline", "--seeds", 1, "--seconds", 20, "--workers", 1)
-    laisn("bench-data", data, *only)
-    task = load_scenario(str(data / "tasks" / "thermocline.toml"), ())
+def test_a_task_has_the_sound_speed_profile_by_which_rays_bend(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    options = ("--mission", "thermocline", "--seeds", 1, "--seconds", 20, "--workers", 1)
+    laisn("bench-data", folder, *options)
+    task = load_scenario(str(folder / "tasks" / "thermocline.toml"), ())
     mission = missions()["thermocline"].scenario(1)
     assert task.acoustics.sound_speed_profile == mission.acoustics.sound_speed_profile
     assert task.acoustics.rays == mission.acoustics.rays == "refracted"
-    printed = laisn("score", "--navigator", "tight", "--data", data)
+    printed = laisn("score", "--navigator", "tight", "--data", folder)
     assert "geometric mean of 1 mission" in printed
 
 
-def test_the_manifest_tells_damage(tmp_path: Path) -> None:
-    data = tmp_path / "data"
-    shutil.copytree(SAMPLE, data)
-    assert "files are as" in laisn("bench-data", data, "--check")
-    truth = data / "truth" / "astern" / "01" / "follower.csv"
+def test_a_file_that_differs_from_the_manifest_is_named(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    shutil.copytree(SAMPLE, folder)
+    assert "files are as" in laisn("bench-data", folder, "--check")
+    truth = folder / "truth" / "astern" / "01" / "follower.csv"
     truth.write_text(truth.read_text("utf-8").replace("90.0000", "90.0001", 1), "utf-8")
-    assert "truth/astern/01/follower.csv" in laisn("bench-data", data, "--check", code=2)
+    assert "truth/astern/01/follower.csv" in laisn("bench-data", folder, "--check", code=2)
 
 
 def test_ranges_have_the_order_of_the_transmitters() -> None:

@@ -9,20 +9,22 @@ from experiments.benchmark.tables import read_truth
 from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
 
 
-def estimates(folder: Path, offset: float) -> None:
-    """Estimates of the sample that are off to the north, as a folder of files."""
+def write_estimates(folder: Path, north_offset_m: float) -> None:
+    """Write a folder with a file for each run of the sample: its true positions, and an offset to
+    the north.
+    """
     for path in sorted((SAMPLE / "truth").rglob("*.csv")):
         truth = read_truth(path)
         file = folder / path.relative_to(SAMPLE / "truth")
         file.parent.mkdir(parents=True)
-        rows = np.column_stack([truth.time, truth.position + np.array([0.0, offset])])
+        rows = np.column_stack([truth.time, truth.position + np.array([0.0, north_offset_m])])
         np.savetxt(
             file, rows, delimiter=",", header="time [s],east [m],north [m]", comments="", fmt="%.6f"
         )
 
 
 def test_a_folder_and_a_file_with_labels_have_the_same_score(tmp_path: Path) -> None:
-    estimates(tmp_path / "estimates", 0.25)
+    write_estimates(tmp_path / "estimates", 0.25)
     laisn("score", tmp_path / "estimates", "--data", SAMPLE, "--out", tmp_path / "folder.csv")
     rows = ["mission,seed,follower,time_s,x_m,y_m"]
     for path in sorted((tmp_path / "estimates").rglob("*.csv")):
@@ -48,9 +50,9 @@ def test_a_navigator_and_its_estimates_have_the_same_score(tmp_path: Path) -> No
     states = tmp_path / "estimates" / "astern" / "01.csv"
     states.parent.mkdir(parents=True)
     laisn("replay", tmp_path / "run.mcap", "--scenario", task, "--out", states)
-    of = ("--data", SAMPLE, "--mission", "astern")
-    laisn("score", tmp_path / "estimates", *of, "--out", tmp_path / "file.csv")
-    laisn("score", "--navigator", "tight", *of, "--out", tmp_path / "navigator.csv")
+    mission_options = ("--data", SAMPLE, "--mission", "astern")
+    laisn("score", tmp_path / "estimates", *mission_options, "--out", tmp_path / "file.csv")
+    laisn("score", "--navigator", "tight", *mission_options, "--out", tmp_path / "navigator.csv")
     (file,) = scores_of(tmp_path / "file.csv")
     (navigator,) = scores_of(tmp_path / "navigator.csv")
     for name in ("e_p_mean_m", "e_p_max_m", "nees", "relative_10m_rms_m", "e_b_mean_deg"):
@@ -78,7 +80,7 @@ def test_bad_estimates_are_refused_with_file_and_column(
     assert "follower.csv" in message
 
 
-def test_what_cannot_be_scored_is_said(tmp_path: Path) -> None:
+def test_input_that_cannot_be_used_is_refused_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "mine.csv").write_text("time_s,x_m,y_m\n1,2,3\n", encoding="utf-8")
     assert "expected a column 'seed'" in laisn("score", tmp_path, "--data", SAMPLE, code=2)
     assert "no manifest" in laisn("score", tmp_path, "--data", tmp_path, code=2)
@@ -86,6 +88,7 @@ def test_what_cannot_be_scored_is_said(tmp_path: Path) -> None:
         "score", "--navigator", "tight", "--data", SAMPLE, "--mission", "T5", code=2
     )
     assert "--navigator NAME" in laisn("score", "--data", SAMPLE, code=2)
+    # data are not generated into a folder with files of other programs
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "thesis.tex").write_text("", encoding="utf-8")
     assert "thesis.tex" in laisn("bench-data", tmp_path / "data", "--mission", "astern", code=2)

@@ -1,4 +1,4 @@
-"""Small campaigns to compute."""
+"""Small campaigns that tests compute."""
 
 from experiments.campaign import campaign
 from experiments.campaign.plans import CellPlan
@@ -8,6 +8,7 @@ DURATION = 60.0
 
 
 def scenario(route="T5", variant="laisn-2", interval=1.0, **changes):
+    """A minute of kinematic motion with a message each `interval` [s]; `changes` are fields."""
     return Scenario(
         name=route,
         motion="kinematic",
@@ -20,6 +21,7 @@ def scenario(route="T5", variant="laisn-2", interval=1.0, **changes):
 
 
 def plans(runs=5, **changes):
+    """Cells of two routes, two variants and two message intervals: 8 cells of 2 motions."""
     return [
         CellPlan(scenario=scenario(route, variant, interval), runs=runs, **changes)
         for route in ("T3", "T5")
@@ -28,15 +30,16 @@ def plans(runs=5, **changes):
     ]
 
 
-def run(plans, folder, **how):
-    """The rows of cells alone."""
-    flown = campaign.fly(plans, {}, folder, **how)
-    return [flown.cell(plan)[0] for plan in plans]
+def run(plans, folder, **options):
+    """Compute cells into a folder; the row of each, in their order."""
+    results = campaign.fly(plans, {}, folder, **options)
+    return [results.cell(plan)[0] for plan in plans]
 
 
 def contents(folder):
+    """The bytes of all files of a folder, by their paths within it."""
     return {
-        p.relative_to(folder).as_posix(): p.read_bytes()
-        for p in sorted(folder.rglob("*"))
-        if p.is_file()
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
     }

@@ -26,21 +26,26 @@ from tests.experiments.campaign.plans import DURATION, contents, plans, run, sce
 
 @pytest.fixture(scope="module")
 def computed(tmp_path_factory):
+    """The folder of a campaign that one process computed, and its rows."""
     folder = tmp_path_factory.mktemp("campaign") / "whole"
     rows = run(plans(), folder, workers=1, quiet=True)
     return folder, rows
 
 
 @pytest.mark.system
-@pytest.mark.parametrize(("quiet", "first"), [(False, ["2.0 1"]), (True, [])])
-def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeypatch, quiet, first):
-    """By the smallest campaign that there is, two messages and one run, in a process whose
-    memory it leaves.
+@pytest.mark.parametrize(("quiet", "compiled"), [(False, ["2.0 1"]), (True, [])])
+def test_what_processes_need_is_compiled_before_they_are_timed(
+    tmp_path, monkeypatch, quiet, compiled
+):
+    """A child process first computes the smallest campaign that there is, two messages and one
+    run, so that the compiler's memory goes with it; not where no progress is shown.
+
+    The file has a line for each call of `compute`: duration [s], runs, and "here" in the parent.
     """
-    noted, compute = tmp_path / "noted", campaign.compute
+    calls_file, compute = tmp_path / "calls", campaign.compute
 
     def note(trajectory, plans):
-        with noted.open("a") as file:
+        with calls_file.open("a") as file:
             for plan in plans:
                 file.write(
                     f"{trajectory.time[-1]} {plan.runs}{' here' if os.getpid() == parent else ''}\n"
@@ -50,7 +55,7 @@ def test_what_processes_need_is_compiled_before_they_are_timed(tmp_path, monkeyp
     parent = os.getpid()
     monkeypatch.setattr(campaign, "compute", note)
     run(plans()[:1], tmp_path / "out", workers=1, quiet=quiet)
-    assert noted.read_text().splitlines() == [*first, f"{DURATION} 5 here"]
+    assert calls_file.read_text().splitlines() == [*compiled, f"{DURATION} 5 here"]
 
 
 @pytest.mark.system
@@ -61,62 +66,69 @@ def test_two_workers_give_the_bytes_of_one(computed, tmp_path):
 
 
 def test_large_cells_of_one_mission_share_a_process_and_give_the_same_bytes(tmp_path, monkeypatch):
-    one, noted, compute = plans()[:1], [], campaign.compute
-    run(one, tmp_path / "one", workers=1, quiet=True)
+    one_cell, calls, compute = plans()[:1], [], campaign.compute
+    run(one_cell, tmp_path / "one", workers=1, quiet=True)
 
     def note(trajectory, plans):
-        noted.extend((os.getpid(), plan.threads) for plan in plans)
+        calls.extend((os.getpid(), plan.threads) for plan in plans)
         return compute(trajectory, plans)
 
-    monkeypatch.setattr(campaign, "_MANY_RUNS", one[0].runs)
+    monkeypatch.setattr(campaign, "_MANY_RUNS", one_cell[0].runs)
     monkeypatch.setattr(campaign, "compute", note)
-    run(one, tmp_path / "threads", workers=2, quiet=True)
-    assert noted == [(os.getpid(), 2)]
+    run(one_cell, tmp_path / "threads", workers=2, quiet=True)
+    assert calls == [(os.getpid(), 2)]
     assert contents(tmp_path / "threads") == contents(tmp_path / "one")
 
 
-def test_many_missions_are_not_read_for_their_first_cells(tmp_path, monkeypatch):
-    """Of six missions with two cells each, which give the bytes of cells that are computed
-    later.
+def test_of_many_missions_first_cells_are_computed_without_reading_the_mission(
+    tmp_path, monkeypatch
+):
+    """Of six missions, each is flown in one job with its two cells, which have the bytes of cells
+    that read their mission from the store.
     """
     many = [
         replace(plan, scenario=plan.scenario.model_copy(update={"duration_s": duration}))
         for duration in (20.0, 21.0, 22.0, 23.0, 24.0, 25.0)
         for plan in plans()[:2]
     ]
-    for number in range(0, len(many), 2):
-        run(many[number : number + 2], tmp_path / "few", workers=1, quiet=True)
+    for start in range(0, len(many), 2):
+        run(many[start : start + 2], tmp_path / "few", workers=1, quiet=True)
     monkeypatch.setattr(campaign, "mission", lambda *_: pytest.fail("a mission was read"))
     rows = run(many, tmp_path / "many", workers=1, quiet=True)
     assert rows == run(many, tmp_path / "few", workers=1, quiet=True)
     assert contents(tmp_path / "many") == contents(tmp_path / "few")
 
 
-def killed_at(moment: int, folder, kill=lambda: os.kill(os.getpid(), signal.SIGKILL)):
-    """Fly and write tables in a copy of this process that is killed at a file operation; the
-    number of operations.
+def killed_at(moment: int, folder):
+    """Compute a campaign and write its table in a fork of this process; the status in which it
+    ends, as of `os.waitpid`.
+
+    It is killed before or after the file operation with the number `moment` (two moments for each
+    operation). If it reaches the end, its exit code is the number of moments.
     """
     child = os.fork()
     if child:
         return os.waitpid(child, 0)[1]
-    count = itertools.count()
+    moments = itertools.count()
+
+    def kill_if_due():
+        if next(moments) == moment:
+            os.kill(os.getpid(), signal.SIGKILL)
 
     def interrupted(operation):
-        def either_side(*given, **named):
-            if next(count) == moment:
-                kill()
-            result = operation(*given, **named)
-            if next(count) == moment:
-                kill()
+        def between_two_moments(*args, **kwargs):
+            kill_if_due()
+            result = operation(*args, **kwargs)
+            kill_if_due()
             return result
 
-        return either_side
+        return between_two_moments
 
     os.fsync, os.replace = interrupted(os.fsync), interrupted(os.replace)
     np.lib.format.write_array = interrupted(np.lib.format.write_array)
     rows = run(plans(), folder, workers=1, quiet=True)
     store.write_table(folder / "tables.parquet", store.columns_of(rows))
-    os._exit(min(next(count), 255))
+    os._exit(min(next(moments), 255))
 
 
 @pytest.mark.system
@@ -124,26 +136,27 @@ def test_killed_at_any_of_30_moments_a_campaign_goes_on_and_gives_the_same_table
     computed, tmp_path
 ):
     _, rows = computed
-    ended = killed_at(-1, tmp_path / "whole")
-    assert os.WIFEXITED(ended)
-    operations, whole = os.WEXITSTATUS(ended), contents(tmp_path / "whole")
-    assert operations >= 60
-    for moment in np.linspace(0, operations - 2, 30).astype(int).tolist():
+    status = killed_at(-1, tmp_path / "whole")
+    assert os.WIFEXITED(status)
+    moments, whole = os.WEXITSTATUS(status), contents(tmp_path / "whole")
+    assert moments >= 60
+    for moment in np.linspace(0, moments - 2, 30).astype(int).tolist():
         broken = tmp_path / f"{moment}"
         assert os.WTERMSIG(killed_at(moment, broken)) == signal.SIGKILL
-        left = {
+        complete_files = {
             name: content
             for name, content in contents(broken).items()
             if not name.endswith(".part")
         }
         # every file with its final name is complete
-        assert left.items() <= whole.items()
+        assert complete_files.items() <= whole.items()
         assert os.WIFEXITED(killed_at(-1, broken))
-        again = contents(broken)
-        assert {name: again[name] for name in whole} == whole
+        files = contents(broken)
+        assert {name: files[name] for name in whole} == whole
     assert store.read_table(tmp_path / "whole" / "tables.parquet") == rows
 
 
+# computes the plans, prints how many cells this process computed itself, and the rows
 SHARED = """
 import sys, time
 from pathlib import Path
@@ -204,13 +217,13 @@ def test_what_is_stored_is_not_computed_again(computed, monkeypatch):
 
 def test_force_computes_everything_again(computed, monkeypatch):
     folder, rows = computed
-    counted = []
+    computed_plans = []
     original = campaign.compute
     monkeypatch.setattr(
-        campaign, "compute", lambda *given: counted.extend(given[1]) or original(*given)
+        campaign, "compute", lambda *args: computed_plans.extend(args[1]) or original(*args)
     )
     assert run(plans(), folder, workers=1, force=True, quiet=True) == rows
-    assert len(counted) == len(plans())
+    assert len(computed_plans) == len(plans())
 
 
 @pytest.mark.parametrize(
@@ -242,10 +255,10 @@ def test_results_of_another_version_are_refused_and_kept(tmp_path):
     other = tmp_path / "other"
     run(plans()[:1], other, workers=1, quiet=True)
     (other / "campaign.json").write_text('{"version": "0.0.9+old"}')
-    kept = contents(other)
+    before = contents(other)
     with pytest.raises(ValueError, match=r"version 0\.0\.9\+old.*--out.*--force"):
         run(plans()[:1], other, workers=1, quiet=True)
-    assert contents(other) == kept
+    assert contents(other) == before
 
 
 def test_no_runs_or_workers_are_refused():
@@ -257,6 +270,7 @@ def test_no_runs_or_workers_are_refused():
         CellPlan(scenario=scenario(), follower=1)
 
 
+# a Dask worker on which this project cannot be imported
 BARE_WORKER = """
 import asyncio, sys
 
@@ -290,7 +304,7 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
         address = cluster.scheduler_address
         assert run(plans(), tmp_path / "cluster", cluster=address, quiet=True) == rows
         assert contents(tmp_path / "cluster") == contents(folder)
-        bare = subprocess.Popen(
+        bare_worker = subprocess.Popen(
             [sys.executable, "-c", BARE_WORKER, address], stderr=subprocess.DEVNULL
         )
         try:
@@ -301,8 +315,8 @@ def test_a_cluster_gives_the_same_bytes_and_bare_workers_are_refused_at_once(com
                 run(plans(), tmp_path / "refused", cluster=address, quiet=True)
             assert time.monotonic() - begun < 10
         finally:
-            bare.kill()
-            bare.wait()
+            bare_worker.kill()
+            bare_worker.wait()
 
 
 @pytest.mark.system
@@ -314,19 +328,21 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(computed, tmp_path):
     ) as cluster:
         victim = next(iter(cluster.workers.values())).pid
 
-        cells = [store.Store(tmp_path / "lost").path(plan.key) for plan in plans()]
+        cell_files = [store.Store(tmp_path / "lost").path(plan.key) for plan in plans()]
 
-        def kill_one():
-            until = time.monotonic() + 120
-            while time.monotonic() < until and not any(path.is_file() for path in cells):
+        def kill_after_the_first_cell():
+            deadline = time.monotonic() + 120
+            while time.monotonic() < deadline and not any(path.is_file() for path in cell_files):
                 time.sleep(0.01)
             os.kill(victim, signal.SIGKILL)
 
-        killer = threading.Thread(target=kill_one)
+        killer = threading.Thread(target=kill_after_the_first_cell)
         killer.start()
-        actual = run(plans(), tmp_path / "lost", cluster=cluster.scheduler_address, quiet=True)
+        rows_after_loss = run(
+            plans(), tmp_path / "lost", cluster=cluster.scheduler_address, quiet=True
+        )
         killer.join()
-    assert actual == rows
+    assert rows_after_loss == rows
 
 
 def test_no_more_processes_start_than_there_are_tasks(tmp_path, monkeypatch):
@@ -341,19 +357,20 @@ def test_no_more_processes_start_than_there_are_tasks(tmp_path, monkeypatch):
             return super().__enter__()
 
     monkeypatch.setattr(campaign, "Pool", Counted)
-    few = plans()[:3]
-    run(few, tmp_path, workers=64, quiet=True)
-    run(few, tmp_path, workers=64, quiet=True)
+    three = plans()[:3]
+    run(three, tmp_path, workers=64, quiet=True)
+    run(three, tmp_path, workers=64, quiet=True)
     run(plans(), tmp_path, workers=2, quiet=True)
+    # one process for each cell, one if nothing is missing, and no more than were asked for
     assert sizes == [3, 1, 2]
 
 
 def test_a_single_flight_has_the_noise_of_its_run(computed):
     _, rows = computed
     row = rows[0]
-    given = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
-    flown = navigate(given, montecarlo.simulate_mission(given), Navigator)
-    error = metrics.position_errors(flown.estimates[0].state[:, :2], flown.hydrophone(0)[:, :2])
+    worst_scenario = plans()[0].scenario.model_copy(update={"run": row["worst_run"]})
+    flight = navigate(worst_scenario, montecarlo.simulate_mission(worst_scenario), Navigator)
+    error = metrics.position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
     assert error.max() == pytest.approx(row["e_p_max_m"], abs=1e-7)
 
 
@@ -368,25 +385,28 @@ def test_errors_at_each_step_agree_with_the_summary(tmp_path):
     )
     assert len(steps["time_s"]) == row["steps"] == round(DURATION / 0.1)
     assert steps["e_b_max_deg"].max() == pytest.approx(row["e_b_max_deg"], rel=1e-5)
-    flown = campaign.mission(plan.scenario, store.Store(tmp_path))
-    hydrophone = flown.site_path(f"{flown.names[1]}/hydrophone")[1:]
-    east, north, _ = (hydrophone - flown.position[1:, 0]).T
+    trajectory = campaign.mission(plan.scenario, store.Store(tmp_path))
+    hydrophone = trajectory.site_path(f"{trajectory.names[1]}/hydrophone")[1:]
+    east, north, _ = (hydrophone - trajectory.position[1:, 0]).T
     assert steps["distance_m"] == pytest.approx(np.hypot(east, north), rel=1e-5)
-    turned = np.deg2rad(steps["bearing_deg"].astype(float)) + flown.heading[1:, 0]
-    assert np.abs(np.exp(1j * turned) - (north + 1j * east) / np.hypot(east, north)).max() < 1e-5
+    bearing_from_north = np.deg2rad(steps["bearing_deg"].astype(float)) + trajectory.heading[1:, 0]
+    assert (
+        np.abs(np.exp(1j * bearing_from_north) - (north + 1j * east) / np.hypot(east, north)).max()
+        < 1e-5
+    )
     assert 0 <= steps["bearing_deg"].min() <= steps["bearing_deg"].max() < 360
-    assert steps["speed_m_s"] == pytest.approx(flown.forward_speed[1:, 1], rel=1e-5)
+    assert steps["speed_m_s"] == pytest.approx(trajectory.forward_speed[1:, 1], rel=1e-5)
 
 
 def test_steps_requested_later_are_added(computed, tmp_path):
     whole, rows = computed
     folder = shutil.copytree(whole, tmp_path / "copy")
-    expected = [replace(plan, keep_steps=True) for plan in plans()]
-    assert run(expected, folder, workers=1, quiet=True) == rows
-    assert store.Store(folder).get(expected[0].steps_key) is not None
+    with_steps = [replace(plan, keep_steps=True) for plan in plans()]
+    assert run(with_steps, folder, workers=1, quiet=True) == rows
+    assert store.Store(folder).get(with_steps[0].steps_key) is not None
 
 
-def test_the_key_holds_what_makes_a_cell_and_nothing_else():
+def test_the_key_depends_on_what_a_cell_is_computed_from_and_on_nothing_else():
     plan = CellPlan(scenario=scenario())
     assert (
         plan.key

@@ -33,13 +33,13 @@ NOISY = [
 ]
 
 
-def using(scenario: Scenario, transmitters: int) -> Scenario:
-    """The scenario with a navigator that uses so many transmitters."""
+def with_transmitters(scenario: Scenario, transmitters: int) -> Scenario:
+    """The scenario with the tightly coupled navigator, which uses so many transmitters."""
     navigation = Navigation(variant="tight", assume={"transmitters": transmitters})
     return scenario.model_copy(update={"navigation": navigation})
 
 
-def folded(sigma_deg: float) -> float:
+def folded_normal_sigma(sigma_deg: float) -> float:
     """Standard deviation of |N(0, σ)|: its mean square is σ², its mean σ √(2/π) [rad]."""
     return float(
         np.sqrt(np.deg2rad(sigma_deg) ** 2 - (np.deg2rad(sigma_deg) * np.sqrt(2 / np.pi)) ** 2)
@@ -47,6 +47,7 @@ def folded(sigma_deg: float) -> float:
 
 
 def noise_with(settings: Sequence[str]) -> TrueNoise:
+    """The noise of T5 with these settings, as the bound states it."""
     scenario = load_scenario("T5", settings)
     return noise_of(SensingSettings.of(scenario), scenario.navigation)
 
@@ -56,10 +57,10 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
     expected = TrueNoise(
         # a uniform error of width τ has the variance τ²/12; the widths' mean square is 0.13²/3
         speed_sigma=0.25,
-        heading_sigma=folded(3.0),
+        heading_sigma=folded_normal_sigma(3.0),
         range_sigma=0.13 / 6,
         range_scale_sigma=0.07,
-        leader_heading_sigma=folded(1.5),
+        leader_heading_sigma=folded_normal_sigma(1.5),
         speed_bias=0.31,
         heading_bias=float(np.deg2rad(7.0)),
         range_scale_bias=0.23,
@@ -84,19 +85,16 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
         (["navigation.variant=tight", "navigation.assume.offsets=true"], {"range_offset": 0.013}),
     ],
 )
-def test_what_is_not_there_or_known_is_no_unknown(
+def test_further_unknowns_are_those_that_the_mission_has_or_the_navigator_estimates(
     settings: list[str], unknown: dict[str, float]
 ) -> None:
-    plain, actual = (
-        noise_with(NOISY),
-        noise_with([*NOISY, *settings]),
-    )
+    plain, actual = noise_with(NOISY), noise_with([*NOISY, *settings])
     assert vars(actual) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
 
 
-def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
-    """The message of a second comes in at the next step; the leader's way through the water is
-    without the current.
+def test_with_travel_time_the_leader_is_where_it_was_when_it_sent() -> None:
+    """The message of each full second arrives at the step after it, 0.1 s later; the leader's
+    velocity through the water is that over ground less the current.
     """
     scenario = straight.make_scenario(Acoustics(travel_time=True))
     flown = straight.make_trajectory(
@@ -105,18 +103,20 @@ def test_sound_that_takes_its_time_leaves_the_leader_where_it_was() -> None:
     water = flown.water_velocity.copy()
     water[...] = [0.3, -0.2, 0.0]
     actual = geometry_of(
-        replace(flown, water_velocity=water), SensingSettings.of(using(scenario, 3))
+        replace(flown, water_velocity=water), SensingSettings.of(with_transmitters(scenario, 3))
     )
-    sent = np.arange(1.0, actual.message_step.size + 1)
+    sent_time = np.arange(1.0, actual.message_step.size + 1)
     assert actual.message_step.tolist() == [
         10 * k + 1 for k in range(1, actual.message_step.size + 1)
     ]
-    east = 1.5 * (sent + 0.1) - sent
-    assert actual.from_leader == pytest.approx(np.column_stack([east, np.full(sent.size, 4.0)]))
-    assert actual.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent.size, 1)))
+    east = 1.5 * (sent_time + 0.1) - sent_time
+    assert actual.from_leader == pytest.approx(
+        np.column_stack([east, np.full(sent_time.size, 4.0)])
+    )
+    assert actual.leader_velocity == pytest.approx(np.tile([0.7, 0.2], (sent_time.size, 1)))
 
 
-def test_geometry_is_that_of_straight_ways() -> None:
+def test_the_geometry_of_straight_paths_is_that_by_hand() -> None:
     """The leader heads east, 1 m from its middle to either end; the follower is 3 m deeper, and
     4 m north.
     """
@@ -124,31 +124,43 @@ def test_geometry_is_that_of_straight_ways() -> None:
     flown = straight.make_trajectory(
         (0.0, 4.0, -11.0), leader_velocity=(1.0, 0.0, 0.0), follower_velocity=(1.5, 0.0, 0.0)
     )
-    actual = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
+    actual = geometry_of(flown, SensingSettings.of(with_transmitters(scenario, 3)))
     assert actual.dt == 0.1
     assert actual.speed == pytest.approx(np.full(200, 1.5))
     assert actual.heading == pytest.approx(np.full(200, np.pi / 2))
     assert actual.message_step.tolist() == list(range(10, 201, 10))
     seconds = np.arange(1.0, 21.0)
     assert actual.from_leader == pytest.approx(np.column_stack([0.5 * seconds, np.full(20, 4.0)]))
-    # rear, front, and 0.1 m to port, which is north
+    # rear, front, and middle, which is 0.1 m to port: from the leader to the east and north, and
+    # how much deeper than the hydrophone
     assert actual.arms == pytest.approx(
         np.tile([[-1.0, 0.0, -3.0], [1.0, 0.0, -3.0], [0.0, 0.1, -3.0]], (20, 1, 1))
     )
     arrived = np.ones((20, 3), dtype=bool)
     arrived[4, 1] = arrived[5] = False
-    some = geometry_of(flown, SensingSettings.of(using(scenario, 3)), received=arrived).arms
-    assert np.argwhere(np.isnan(some).all(axis=2)).tolist() == [[4, 1], [5, 0], [5, 1], [5, 2]]
-    assert geometry_of(flown, SensingSettings.of(using(scenario, 2))).arms.shape == (20, 2, 3)
+    arms_with_losses = geometry_of(
+        flown, SensingSettings.of(with_transmitters(scenario, 3)), received=arrived
+    ).arms
+    assert np.argwhere(np.isnan(arms_with_losses).all(axis=2)).tolist() == [
+        [4, 1],
+        [5, 0],
+        [5, 1],
+        [5, 2],
+    ]
+    assert geometry_of(flown, SensingSettings.of(with_transmitters(scenario, 2))).arms.shape == (
+        20,
+        2,
+        3,
+    )
 
 
-def test_the_least_error_grows_as_the_root_of_two_noisy_ways_before_any_message() -> None:
-    """Straight north at 1 m/s for a second: the log errs along, the compass across; each step
-    adds their squares.
+def test_before_any_message_the_least_error_is_that_of_dead_reckoning() -> None:
+    """Straight north at 1 m/s for a second: the log errs along the path, the compass across it;
+    the variances of all steps add up.
     """
     scenario = straight.make_scenario()
     flown = straight.make_trajectory((0.0, 4.0, -11.0), follower_velocity=(1.0, 0.0, 0.0))
-    geometry = geometry_of(flown, SensingSettings.of(using(scenario, 3)))
+    geometry = geometry_of(flown, SensingSettings.of(with_transmitters(scenario, 3)))
     noise = TrueNoise(speed_sigma=0.2, heading_sigma=0.05, speed_bias=0.0, heading_bias=0.0)
     steps = np.arange(1.0, 10.0)
     assert least_rms(geometry, noise)[:9] == pytest.approx(

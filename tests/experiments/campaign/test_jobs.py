@@ -1,4 +1,4 @@
-"""Jobs: each runs after those that it depends on; what failed takes along all that needs it."""
+"""Jobs: each runs after those that it depends on; what depends on a failed one does not run."""
 
 from collections.abc import Hashable, Sequence
 from functools import partial
@@ -18,7 +18,9 @@ def _results(name: str, fails: bool) -> list[Result]:
 
 
 class Jobs:
-    """Makes jobs of a name each, and keeps the order in which they were handed out."""
+    """Makes jobs with these names, each of which must find the results of those that it depends
+    on; `begun` has the names in the order in which they were started.
+    """
 
     def __init__(self) -> None:
         self.begun: list[str] = []
@@ -33,30 +35,36 @@ class Jobs:
         return Job(key=name, kind="jobs", result_keys=[name], run=work, depends_on=depends_on)
 
 
-def _run(jobs: Sequence[Job], folder: Path, **how: bool) -> dict[Hashable, str]:
-    return run_jobs(jobs, Store(folder), Pool(1), quiet=True, **how)
+def _run(jobs: Sequence[Job], folder: Path, **options: bool) -> dict[Hashable, str]:
+    return run_jobs(jobs, Store(folder), Pool(1), quiet=True, **options)
 
 
 def test_a_job_runs_after_all_that_it_depends_on(tmp_path: Path) -> None:
-    job = Jobs()
-    graph = [job("d", "b", "c"), job("b", "a"), job("c", "a"), job("a"), job("alone")]
+    make_job = Jobs()
+    graph = [
+        make_job("d", "b", "c"),
+        make_job("b", "a"),
+        make_job("c", "a"),
+        make_job("a"),
+        make_job("alone"),
+    ]
     assert _run(graph, tmp_path) == {}
-    assert sorted(job.begun) == ["a", "alone", "b", "c", "d"]
-    assert job.begun[-1] == "d"
+    assert sorted(make_job.begun) == ["a", "alone", "b", "c", "d"]
+    assert make_job.begun[-1] == "d"
 
 
 def test_a_job_that_fails_is_named_and_what_depends_on_it_is_left_out(tmp_path: Path) -> None:
-    job = Jobs()
-    graph = [job("a", fails=True), job("b", "a"), job("c", "b"), job("d")]
+    make_job = Jobs()
+    graph = [make_job("a", fails=True), make_job("b", "a"), make_job("c", "b"), make_job("d")]
     assert _run(graph, tmp_path, tolerant=True) == {"a": "a failed"}
-    assert sorted(job.begun) == ["a", "d"]
+    assert sorted(make_job.begun) == ["a", "d"]
     assert not Store(tmp_path).has("b")
     with pytest.raises(CampaignError, match="a failed"):
         _run(graph, tmp_path)
 
 
 def test_jobs_that_wait_for_each_other_are_refused(tmp_path: Path) -> None:
-    job = Jobs()
+    make_job = Jobs()
     with pytest.raises(ValueError, match=r"wait for each other: \['a', 'b'\]"):
-        _run([job("a", "b"), job("b", "a"), job("c")], tmp_path)
-    assert job.begun == ["c"]
+        _run([make_job("a", "b"), make_job("b", "a"), make_job("c")], tmp_path)
+    assert make_job.begun == ["c"]

@@ -22,8 +22,8 @@ DT = 0.1
 
 
 QUARTER, ASTERN, ABEAM = (-15.0, -12.0), (-20.0, 0.0), (4.9, -39.7)
-"""Where a follower is, from a leader that heads about east by north [m]; abeam, the middle
-transmitter is farthest.
+"""East and north [m] of a follower from its leader, which heads east, give or take 9°; abeam, the
+middle transmitter is farthest.
 """
 
 
@@ -34,15 +34,17 @@ def make_truth(
     offset: tuple[float, float] = QUARTER,
     attitude: bool = True,
 ) -> IdealMeasurements:
-    """A leader on a slow weave, and a follower 2 m deeper that circles about its place unless it
-    is astern.
+    """A leader on a slow weave, and a follower about 2 m deeper that circles with a radius of
+    0.5 m about its place, unless it is astern.
+
+    There is a message every `every` steps; some ranges to the front transmitter are lost.
     """
     t = DT * np.arange(steps + 1)
     leader = np.stack([t, 3.0 * np.sin(0.05 * t)], axis=1)
     heading = np.pi / 2 - np.arctan(0.15 * np.cos(0.05 * t))
-    wander = 0.0 if offset == ASTERN else 0.5
+    radius = 0.0 if offset == ASTERN else 0.5
     follower = (
-        leader + np.array(offset) + wander * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
+        leader + np.array(offset) + radius * np.stack([np.cos(0.1 * t), np.sin(0.1 * t)], axis=1)
     )
     velocity = np.gradient(follower, DT, axis=0)
     depth = 10.0 + 0.3 * np.sin(0.2 * t)
@@ -52,12 +54,13 @@ def make_truth(
     )
     sites = [leader - forward, leader + forward, leader + 0.1 * port]
     ranges = np.stack(
-        [np.sqrt(np.sum((follower - s) ** 2, axis=1) + (depth - 8.0) ** 2) for s in sites], axis=1
+        [np.sqrt(np.sum((follower - site) ** 2, axis=1) + (depth - 8.0) ** 2) for site in sites],
+        axis=1,
     )
     k = np.arange(every, steps + 1, every)
-    lost = ranges[k].copy()
-    lost[3::7, 1] = np.nan
-    unknown = np.full(k.size, np.nan)
+    slant_range = ranges[k].copy()
+    slant_range[3::7, 1] = np.nan
+    not_sent = np.full(k.size, np.nan)
     return IdealMeasurements(
         dt=DT,
         start=np.concatenate([follower[0], velocity[0]]),
@@ -77,16 +80,16 @@ def make_truth(
                 np.hypot(1.0, 0.15 * np.cos(0.05 * t[k])),
                 np.full(k.size, 8.0),
                 *(0.05 * np.stack([np.sin(t[k]), np.cos(t[k])]) * (1.0 if attitude else np.nan)),
-                unknown,
-                unknown,
+                not_sent,
+                not_sent,
             ],
             dtype=MESSAGE,
         ),
-        slant_range=lost,
+        slant_range=slant_range,
     )
 
 
-EVERYTHING = SensorErrors(
+ALL_ERRORS = SensorErrors(
     depth_sigma=0.05,
     leader_speed_bias=0.05,
     leader_heading_bias=0.04,
@@ -102,7 +105,7 @@ EVERYTHING = SensorErrors(
 )
 
 
-ECHOES = EVERYTHING._replace(
+ECHOES = ALL_ERRORS._replace(
     surface_echo_probability=0.2, bottom_echo_probability=0.1, range_error_centred=True
 )
 
@@ -113,9 +116,9 @@ ECHOES = EVERYTHING._replace(
     [
         (SensorErrors(), QUARTER),
         (SensorErrors(range_tau=(0.06, 0.01, 0.01), range_error_centred=True), QUARTER),
-        (EVERYTHING, QUARTER),
+        (ALL_ERRORS, QUARTER),
         (ECHOES, ABEAM),
-        (EVERYTHING, ABEAM),
+        (ALL_ERRORS, ABEAM),
     ],
     ids=["paper", "centred", "everything", "echoes abeam", "abeam"],
 )
@@ -148,66 +151,74 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     runs = range(5, 12)
     result = simulate(Cell(truth=truth, errors=errors, settings=navigation, seed=4, runs=runs))
 
-    used = navigation.transmitters
-    received = [measure(truth, errors, seed=4, run=run, transmitters=used) for run in runs]
+    transmitters = navigation.transmitters
+    received = [measure(truth, errors, seed=4, run=run, transmitters=transmitters) for run in runs]
     alone = [Navigator(navigation, truth.start).run(measurements) for measurements in received]
     position = np.stack(
-        [metrics.position_errors(e.state[:, POSITION], truth.hydrophone) for e in alone]
+        [
+            metrics.position_errors(estimates.state[:, POSITION], truth.hydrophone)
+            for estimates in alone
+        ]
     )
     bearing = np.stack(
         [
-            metrics.bearing_errors(e.state[:, POSITION], truth.hydrophone, truth.leader_position)
-            for e in alone
+            metrics.bearing_errors(
+                estimates.state[:, POSITION], truth.hydrophone, truth.leader_position
+            )
+            for estimates in alone
         ]
     )
-    row, of_runs = result
+    row, run_arrays = result
     expected = metrics.summarise(position, bearing)
     for name, value in expected._asdict().items():
         assert row[name] == pytest.approx(value, abs=1e-8), name
     assert row["nees"] == pytest.approx(
-        np.nanmean([metrics.nees(e, truth.hydrophone) for e in alone]), rel=1e-6
+        np.nanmean([metrics.nees(estimates, truth.hydrophone) for estimates in alone]), rel=1e-6
     )
     assert row["nis"] == pytest.approx(
-        np.nanmean(np.concatenate([metrics.nis(e) for e in alone])), rel=1e-6
+        np.nanmean(np.concatenate([metrics.nis(estimates) for estimates in alone])), rel=1e-6
     )
-    counts = [metrics.fix_counts(e) for e in alone]
+    counts = [metrics.fix_counts(estimates) for estimates in alone]
     assert {kind: row[f"fixes_{kind}"] for kind in counts[0]} == {
-        kind: sum(c[kind] for c in counts) for kind in counts[0]
+        kind: sum(counts_of_run[kind] for counts_of_run in counts) for kind in counts[0]
     }
     mirror_locks = [
         metrics.mirror_locked_steps(
-            e.state[:, POSITION], truth.hydrophone, truth.leader_position, truth.leader_heading
+            estimates.state[:, POSITION],
+            truth.hydrophone,
+            truth.leader_position,
+            truth.leader_heading,
         )
-        for e in alone
+        for estimates in alone
     ]
-    mirror_locked = np.array([metrics.longest_mirror_lock(c) >= 10 for c in mirror_locks])
+    mirror_locked = np.array([metrics.longest_mirror_lock(steps) >= 10 for steps in mirror_locks])
     assert row["mirror_locked_runs"] == mirror_locked.sum()
-    free = position[~mirror_locked]
+    unlocked = position[~mirror_locked]
     assert row["e_p_mean_unlocked_m"] == (
-        pytest.approx(free.mean(), rel=1e-9) if free.size else None
+        pytest.approx(unlocked.mean(), rel=1e-9) if unlocked.size else None
     )
     assert row["worst_run"] == runs[int(np.argmax(position.max(axis=1)))]
 
-    assert of_runs["run"].tolist() == list(runs)
-    assert of_runs["mirror_locked"].tolist() == mirror_locked.tolist()
-    assert of_runs["gated"].tolist() == [c["gated"] for c in counts]
-    assert of_runs["e_p_max_m"] == pytest.approx(position.max(axis=1), abs=1e-9)
-    assert of_runs["e_p_mean_m"] == pytest.approx(position.mean(axis=1), abs=1e-9)
-    assert of_runs["e_b_max_deg"] == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
-    assert of_runs["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
+    assert run_arrays["run"].tolist() == list(runs)
+    assert run_arrays["mirror_locked"].tolist() == mirror_locked.tolist()
+    assert run_arrays["gated"].tolist() == [counts_of_run["gated"] for counts_of_run in counts]
+    assert run_arrays["e_p_max_m"] == pytest.approx(position.max(axis=1), abs=1e-9)
+    assert run_arrays["e_p_mean_m"] == pytest.approx(position.mean(axis=1), abs=1e-9)
+    assert run_arrays["e_b_max_deg"] == pytest.approx(np.rad2deg(bearing.max(axis=1)), abs=1e-8)
+    assert run_arrays["e_b_mean_deg"] == pytest.approx(np.rad2deg(bearing.mean(axis=1)), abs=1e-8)
 
-    # A histogram places a percentile between its neighbours among the sorted errors, to within a
-    # bin.
-    for errors_, name in ((position, "e_p_p{}_m"), (np.rad2deg(bearing), "e_b_p{}_deg")):
-        for share in PERCENTILES:
-            value = row[name.format(share)]
-            below = np.percentile(errors_, share, method="lower")
-            above = np.percentile(errors_, share, method="higher")
+    # A percentile of the histogram lies between its neighbours among the sorted errors, give or
+    # take a bin, which is at most 1/128 wide.
+    for step_errors, name in ((position, "e_p_p{}_m"), (np.rad2deg(bearing), "e_b_p{}_deg")):
+        for percentile in PERCENTILES:
+            value = row[name.format(percentile)]
+            below = np.percentile(step_errors, percentile, method="lower")
+            above = np.percentile(step_errors, percentile, method="higher")
             assert below * (1 - 2**-7) <= value <= above * (1 + 2**-7)
 
 
 @compiled
-def _bins(values: Floats, first: int) -> Ints:
+def _bin_numbers(values: Floats, first: int) -> Ints:
     out = np.empty(values.size, dtype=np.int64)
     for i in range(values.size):
         out[i] = lane_flight._bin(values[i], first)
@@ -231,19 +242,23 @@ def test_bins_hold_what_lies_between_their_edges(lowest: float, first: int) -> N
     values = np.concatenate(
         [[0.0, lowest / 3], lowest * np.exp(np.random.default_rng(1).uniform(0, 22, 5000)), inner]
     )
-    assert _bins(values, first).tolist() == (np.digitize(values, edges) - 1).tolist()
+    assert _bin_numbers(values, first).tolist() == (np.digitize(values, edges) - 1).tolist()
 
 
 def test_percentiles_lie_where_they_fall_within_a_bin() -> None:
     edges = lane_flight.bin_edges(lane_flight.LOWEST_P)
     histogram = np.zeros(lane_flight.BINS, dtype=np.int64)
-    k = np.digitize([0.5], edges)[0] - 1
-    histogram[[k, k + 40]] = 3, 1
-    for share, expected in ((0.25, edges[k] + (edges[k + 1] - edges[k]) / 3), (0.75, edges[k + 1])):
-        actual = lane_flight.percentile(histogram, lane_flight.LOWEST_P, share, 10.0)
+    bin_number = np.digitize([0.5], edges)[0] - 1
+    histogram[[bin_number, bin_number + 40]] = 3, 1
+    # of four values, one is a third of the way through the bin that holds three
+    for fraction, expected in (
+        (0.25, edges[bin_number] + (edges[bin_number + 1] - edges[bin_number]) / 3),
+        (0.75, edges[bin_number + 1]),
+    ):
+        actual = lane_flight.percentile(histogram, lane_flight.LOWEST_P, fraction, 10.0)
         assert actual == pytest.approx(expected, rel=1e-12)
     # the largest bounds what a bin may be read as
-    largest = (edges[k + 40] + edges[k + 41]) / 2
+    largest = (edges[bin_number + 40] + edges[bin_number + 41]) / 2
     assert lane_flight.percentile(histogram, lane_flight.LOWEST_P, 1.0, largest) == largest
 
 
@@ -255,20 +270,20 @@ def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
     ]
     alone = [simulate(cell) for cell in cells]
     for threads in (1, 2, 3):
-        for one, other in zip(
+        for single_thread, several_threads in zip(
             alone, [simulate(cell, threads=threads) for cell in cells], strict=True
         ):
-            assert_same(one, other)
+            assert_same(single_thread, several_threads)
     # Runs fall into other blocks if the cell begins elsewhere, and are the same to the bit.
     shifted = simulate(replace(cells[1], runs=range(50, 100)))
     for name, values in shifted.runs.items():
         assert values.tobytes() == alone[1].runs[name][47:97].tobytes()
 
 
-def assert_same(one: CellResult, other: CellResult) -> None:
-    assert one.row == other.row
-    for name, values in one.runs.items():
-        assert values.tobytes() == other.runs[name].tobytes()
+def assert_same(actual: CellResult, expected: CellResult) -> None:
+    assert actual.row == expected.row
+    for name, values in actual.runs.items():
+        assert values.tobytes() == expected.runs[name].tobytes()
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -278,10 +293,12 @@ def test_a_block_of_few_runs_computes_what_a_full_one_does(variant: Variant) -> 
     errors = ECHOES._replace(loss_probability=0.2)
     cell = Cell(truth=make_truth(), errors=errors, settings=settings, runs=range(64))
     full = simulate(cell).runs
-    for few in (range(1), range(7, 8), range(2), range(5, 14), range(20, 53)):
-        runs = simulate(replace(cell, runs=few)).runs
-        for name, values in runs.items():
-            np.testing.assert_array_equal(values, full[name][few.start : few.stop], err_msg=name)
+    for some_runs in (range(1), range(7, 8), range(2), range(5, 14), range(20, 53)):
+        arrays = simulate(replace(cell, runs=some_runs)).runs
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(
+                values, full[name][some_runs.start : some_runs.stop], err_msg=name
+            )
 
 
 def test_perfect_sensors_recover_the_truth() -> None:
@@ -295,10 +312,10 @@ def test_perfect_sensors_recover_the_truth() -> None:
         range_scale_mean=0.0,
         range_scale_sigma=0.0,
     )
-    # Without attitude the follower takes the leader as level, which it is here: only sampling of
-    # the turn is left.
+    # Without attitude the follower takes the leader as level, and these transmitters are those of
+    # a level one: only the sampling of the turn is left.
     result = simulate(Cell(truth=truth, errors=perfect, runs=range(2)))
-    # half a step's way sideways, of the weave's 0.05 m/s
+    # half of what the weave moves sideways in a step, at 0.05 m/s
     assert result.row["e_p_max_m"] < 0.5 * 0.05 * DT
     assert result.row["mirror_locked_runs"] == 0
 

@@ -43,9 +43,10 @@ DURATION = 12.0
 
 
 def mission(**changes: Any) -> Scenario:
-    given = {"leader": Leader(route=None, waypoints=TURNING), "name": "turning", **changes}
+    """A kinematic scenario with a turning leader and two followers."""
+    fields = {"leader": Leader(route=None, waypoints=TURNING), "name": "turning", **changes}
     followers = (Follower(name="one", route="T3", depth_m=14.0), Follower(name="two", route="T5"))
-    return Scenario(motion="kinematic", duration_s=DURATION, followers=followers, **given)
+    return Scenario(motion="kinematic", duration_s=DURATION, followers=followers, **fields)
 
 
 @pytest.fixture(scope="module")
@@ -53,12 +54,15 @@ def flown() -> Trajectory:
     return montecarlo.simulate_mission(mission())
 
 
-def computed(flown: Trajectory, *plans: CellPlan) -> list[Any]:
+def rows_of(flown: Trajectory, *plans: CellPlan) -> list[Any]:
+    """The rows of cells of one trajectory, computed together."""
     return [row for _, row, _ in compute(flown, plans)]
 
 
-def test_a_mission_goes_with_its_last_reference() -> None:
-    """Its arrays take megabytes, and the collector of garbage counts objects."""
+def test_a_mission_is_freed_with_its_last_reference() -> None:
+    """Its arrays take megabytes, and the garbage collector, which counts objects, would let many
+    of them pile up.
+    """
     gc.collect()
     gc.disable()
     try:
@@ -71,7 +75,7 @@ def test_a_mission_goes_with_its_last_reference() -> None:
         gc.enable()
 
 
-def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(
+def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_measurements(
     flown: Trajectory,
 ) -> None:
     leader = Leader(route=None, waypoints=TURNING, broadcast_attitude=True)
@@ -86,13 +90,13 @@ def test_cells_that_differ_in_the_inclinometer_alone_do_not_share_what_they_see(
         )
         for senses in (False, True)
     )
-    ([one], [other]) = computed(flown, exact), computed(flown, sensing)
-    assert one["e_p_mean_m"] != other["e_p_mean_m"]
-    assert computed(flown, exact, sensing) == [one, other]
-    assert computed(flown, sensing, exact) == [other, one]
+    ([exact_row], [sensing_row]) = rows_of(flown, exact), rows_of(flown, sensing)
+    assert exact_row["e_p_mean_m"] != sensing_row["e_p_mean_m"]
+    assert rows_of(flown, exact, sensing) == [exact_row, sensing_row]
+    assert rows_of(flown, sensing, exact) == [sensing_row, exact_row]
 
 
-some = st.sampled_from
+one_of = st.sampled_from
 LEADERS = st.builds(
     lambda baseline, offset, broadcast: Leader(
         route=None,
@@ -101,37 +105,37 @@ LEADERS = st.builds(
         middle_offset_m=offset,
         broadcast_attitude=broadcast,
     ),
-    some([1.0, 2.0]),
-    some([0.1, 0.2]),
+    one_of([1.0, 2.0]),
+    one_of([0.1, 0.2]),
     st.booleans(),
 )
 SENSORS = st.builds(
     Sensors,
-    heading_bias_deg=some([0.0, 5.0]),
-    depth_sigma_m=some([0.0, 0.1]),
-    leader_attitude_sigma_deg=some([0.0, 1.0]),
+    heading_bias_deg=one_of([0.0, 5.0]),
+    depth_sigma_m=one_of([0.0, 0.1]),
+    leader_attitude_sigma_deg=one_of([0.0, 1.0]),
     leader_attitude_senses_acceleration=st.booleans(),
-    leader_gyro_time_constant_s=some([0.0, 4.0]),
+    leader_gyro_time_constant_s=one_of([0.0, 4.0]),
 )
 ACOUSTICS = st.builds(
     Acoustics,
-    range_scale_mean_m=some([0.1, 0.3]),
+    range_scale_mean_m=one_of([0.1, 0.3]),
     travel_time=st.booleans(),
-    ping_slot_s=some([0.0, 0.05]),
-    sound_speed_bias_m_s=some([0.0, 10.0]),
-    sound_speed_profile=some([(), ((0.0, 1480.0), (20.0, 1510.0))]),
-    clock_offset_s=some([0.0, 1e-4]),
-    clock_drift_ppm=some([0.0, 50.0]),
-    bottom_echo_probability=some([0.0, 0.3]),
-    surface_echo_probability=some([0.0, 0.3]),
-    loss_probability=some([0.0, 0.2]),
-    max_range_m=some([0.0, 25.0]),
+    ping_slot_s=one_of([0.0, 0.05]),
+    sound_speed_bias_m_s=one_of([0.0, 10.0]),
+    sound_speed_profile=one_of([(), ((0.0, 1480.0), (20.0, 1510.0))]),
+    clock_offset_s=one_of([0.0, 1e-4]),
+    clock_drift_ppm=one_of([0.0, 50.0]),
+    bottom_echo_probability=one_of([0.0, 0.3]),
+    surface_echo_probability=one_of([0.0, 0.3]),
+    loss_probability=one_of([0.0, 0.2]),
+    max_range_m=one_of([0.0, 25.0]),
 )
-TIMES = st.builds(
+TIMINGS = st.builds(
     Timing,
-    filter_step_s=some([0.1, 0.2]),
-    message_interval_s=some([1.0, 2.0]),
-    physics_step_s=some([0.02]),
+    filter_step_s=one_of([0.1, 0.2]),
+    message_interval_s=one_of([1.0, 2.0]),
+    physics_step_s=one_of([0.02]),
 )
 PLANS = st.builds(
     lambda leader, sensors, acoustics, timing, variant, use, follower: CellPlan(
@@ -148,10 +152,10 @@ PLANS = st.builds(
     LEADERS,
     SENSORS,
     ACOUSTICS,
-    TIMES,
-    some(["laisn-2", "laisn-3-1", "laisn-best"]),
+    TIMINGS,
+    one_of(["laisn-2", "laisn-3-1", "laisn-best"]),
     st.booleans(),
-    some([0, 1]),
+    one_of([0, 1]),
 )
 
 
@@ -160,39 +164,39 @@ PLANS = st.builds(
 def test_a_cell_depends_on_no_other_and_on_no_order(
     plans: list[CellPlan], data: st.DataObject
 ) -> None:
-    cell = montecarlo.CellSettings.of(mission())
-    trajectory, _ = montecarlo.mission_of(mission()).motion_and_measurements(cell, 0)
-    alone = {plan.key: computed(trajectory, plan) for plan in plans}
+    cell_settings = montecarlo.CellSettings.of(mission())
+    trajectory, _ = montecarlo.mission_of(mission()).motion_and_measurements(cell_settings, 0)
+    alone = {plan.key: rows_of(trajectory, plan) for plan in plans}
     order = data.draw(st.permutations(plans))
-    assert computed(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
+    assert rows_of(trajectory, *order) == [row for plan in order for row in alone[plan.key]]
 
 
 def leaves(section: BaseModel) -> list[tuple[str, ...]]:
     """Names of all settings within a section that are no sections themselves."""
-    actual: list[tuple[str, ...]] = []
+    names: list[tuple[str, ...]] = []
     for name in type(section).model_fields:
         value = getattr(section, name)
         if isinstance(value, BaseModel):
-            actual += [(name, *rest) for rest in leaves(value)]
+            names += [(name, *rest) for rest in leaves(value)]
         else:
-            actual.append((name,))
-    return actual
+            names.append((name,))
+    return names
 
 
 def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
     """A valid scenario that differs in one setting."""
     table = scenario.model_dump()
-    place = table
+    section = table
     for name in leaf[:-1]:
-        place = place[name]
-    was = place[leaf[-1]]
-    points = [
+        section = section[name]
+    old_value = section[leaf[-1]]
+    tuples = [
         ((0.0, 1480.0), (20.0, 1510.0)),
         ((0.0, 9.0),),
         (0.02, 0.02, 0.02),
         ((0.0, 0.0, 0.0), (50.0, 50.0, 9.0)),
     ]
-    points.append(((0.0, 0.3, 90.0), (10.0, 0.5, 120.0)))  # a current over time
+    tuples.append(((0.0, 0.3, 90.0), (10.0, 0.5, 120.0)))  # a current over time
     words = [
         "regular",
         "thrust",
@@ -204,39 +208,39 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
         "top",
         "neutral",
     ]
-    others = {
-        bool: [not was],
+    candidates = {
+        bool: [not old_value],
         int: [3, 2, 320, 240, 24],
         float: [0.2, 2.5, 0.05, 3.0, 1.25, 40.0, 1490.0, 1020.0],
-        tuple: points,
+        tuple: tuples,
         str: [*words, "kinematic", "L", "ilos", "surface", "end", "refracted", "profile", "direct"],
         type(None): ["T4", 0.3, hull("follower"), "thrust"],
-    }[type(was)]
-    for other in others:
-        place[leaf[-1]] = other
+    }[type(old_value)]
+    for candidate in candidates:
+        section[leaf[-1]] = candidate
         try:
-            made = Scenario.model_validate(table)
+            changed_scenario = Scenario.model_validate(table)
         except ValidationError:
             continue
-        if made != scenario:
-            return made
+        if changed_scenario != scenario:
+            return changed_scenario
     raise AssertionError(f"no other value of {leaf} is known")
 
 
 @pytest.mark.system
 def test_what_the_keys_leave_out_changes_nothing() -> None:
-    """Setting by setting: a flight that is shared is the one that would be flown, a row that is
-    shared the same row.
+    """Setting by setting: where a changed setting has the same motion, the shared motion is the
+    one that would be flown; where the key of the cell is the same, so is its row.
     """
     sea = OceanTable(waves=WavesTable(kind="jonswap", height_m=0.5, period_s=6.0))
-    still = mission(
+    turning = mission(
         ocean=sea, leader=Leader(route=None, waypoints=TURNING, broadcast_attitude=True)
     )
-    for base in (still, still.model_copy(update={"motion": "physics", "duration_s": 1.0})):
+    for base in (turning, turning.model_copy(update={"motion": "physics", "duration_s": 1.0})):
         plan = CellPlan(scenario=base, runs=2)
-        shared, of_cells = [], []
-        moved = montecarlo.simulate_mission(base)
-        row = computed(moved, plan)
+        sharing_motion, sharing_key = [], []
+        base_motion = montecarlo.simulate_mission(base)
+        row = rows_of(base_motion, plan)
         for leaf in leaves(base):
             # a list of tables, what makes such a list, what needs followers on stations, of which a
             # cell has none, a route, which waypoints replace, settings of a navigator and of the
@@ -267,24 +271,26 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
                 continue
             other = changed(base, leaf)
             if MotionSettings.of(other) == MotionSettings.of(base):
-                shared.append(leaf)
-                served, direct = (
-                    montecarlo.with_transmitter_sites(moved, CellSettings.of(other).transmitters),
+                sharing_motion.append(leaf)
+                shared_motion, flown_motion = (
+                    montecarlo.with_transmitter_sites(
+                        base_motion, CellSettings.of(other).transmitters
+                    ),
                     simulate_motion(other),
                 )
                 for name in ("position", "velocity", "quaternion", "site_offset"):
                     np.testing.assert_array_equal(
-                        getattr(served, name), getattr(direct, name), err_msg=str(leaf)
+                        getattr(shared_motion, name), getattr(flown_motion, name), err_msg=str(leaf)
                     )
             if CellPlan(scenario=other, runs=2).key == plan.key:
-                of_cells.append(leaf[0])
-                assert computed(simulate_motion(other), CellPlan(scenario=other, runs=2)) == row, (
+                sharing_key.append(leaf[0])
+                assert rows_of(simulate_motion(other), CellPlan(scenario=other, runs=2)) == row, (
                     leaf
                 )
         assert {("name",), ("run",), ("leader", "baseline_m"), ("acoustics", "travel_time")} <= set(
-            shared
+            sharing_motion
         )
-        assert set(of_cells) == {
+        assert set(sharing_key) == {
             "name",
             "run",
             "epoch",
@@ -295,27 +301,31 @@ def test_what_the_keys_leave_out_changes_nothing() -> None:
 
 
 def test_run_k_of_a_scenario_s_cell_is_the_flight_with_that_run() -> None:
-    given = mission(
+    scenario = mission(
         seed=7, sensors=Sensors(depth_sigma_m=0.1), acoustics=Acoustics(loss_probability=0.2)
     )
-    states = histories(Cell.of(given, follower=1, runs=4))
+    states = histories(Cell.of(scenario, follower=1, runs=4))
     for run in range(4):
-        flight = navigate(given.model_copy(update={"run": run}), simulate_motion(given), Navigator)
+        flight = navigate(
+            scenario.model_copy(update={"run": run}), simulate_motion(scenario), Navigator
+        )
         assert np.abs(states[:, :, run] - flight.estimates[1].state).max() < 1e-9
     some_runs = histories(
-        Cell.of(given.model_copy(update={"run": 9}), follower=1, runs=range(2, 4))
+        Cell.of(scenario.model_copy(update={"run": 9}), follower=1, runs=range(2, 4))
     )
     np.testing.assert_array_equal(some_runs, states[:, :, 2:])
 
 
-def test_a_cell_of_what_is_not_there_is_refused(flown: Trajectory) -> None:
-    given = mission()
+def test_a_cell_without_its_follower_or_with_another_mission_is_refused(flown: Trajectory) -> None:
+    scenario = mission()
     for follower in (-1, 2):
         with pytest.raises(LaisnError, match=f"follower is {follower}, the scenario has 2"):
-            Cell.of(given, follower)
-    taken = CampaignMission(MotionSettings.of(given), flown)
-    assert Cell.of(given.model_copy(update={"name": "other"}), mission=taken).runs == range(60)
+            Cell.of(scenario, follower)
+    campaign_mission = CampaignMission(MotionSettings.of(scenario), flown)
+    assert Cell.of(
+        scenario.model_copy(update={"name": "other"}), mission=campaign_mission
+    ).runs == range(60)
     with pytest.raises(
         LaisnError, match="the scenario moves otherwise than the mission that was simulated"
     ):
-        Cell.of(given.model_copy(update={"duration_s": 6.0}), mission=taken)
+        Cell.of(scenario.model_copy(update={"duration_s": 6.0}), mission=campaign_mission)

@@ -17,7 +17,7 @@ from rich.console import Console
 from experiments.campaign import progress
 from reports.version import ROOT
 
-COMPILES = """
+COMPILING_PROGRAM = """
 from rich.console import Console
 from experiments.campaign.progress import phases
 from sim.control.allocation import clip
@@ -37,9 +37,9 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[str]:
 @pytest.mark.system
 def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Path) -> None:
     environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
-    answers = [
+    processes = [
         subprocess.run(
-            [sys.executable, "-c", COMPILES],
+            [sys.executable, "-c", COMPILING_PROGRAM],
             env=environment,
             capture_output=True,
             text=True,
@@ -47,40 +47,43 @@ def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Pat
         )
         for _ in range(2)
     ]
-    first, second = (answer.stderr.splitlines() for answer in answers)
+    first, second = (process.stderr.splitlines() for process in processes)
     assert re.fullmatch(r"compiled \(once\): [1-9][0-9]* functions, [0-9]+ s", first[-1])
     assert second == []
 
 
-@pytest.mark.parametrize("flight", [True, False])
+@pytest.mark.parametrize("has_phases", [True, False])
 def test_a_terminal_counts_the_functions_compiled(
-    monkeypatch: pytest.MonkeyPatch, flight: bool
+    monkeypatch: pytest.MonkeyPatch, has_phases: bool
 ) -> None:
-    """With the phases of a flight, and of commands without phases; and how long that takes."""
-    stored, enough = iter([3, 3, 4, *[10] * 1000]), threading.Event()
+    """With the phases of a flight and in commands without phases, with the time that it takes.
+
+    The cache held 3 functions at first, and holds 10 in the end.
+    """
+    stored_counts, all_compiled = iter([3, 3, 4, *[10] * 1000]), threading.Event()
 
     def count_stored() -> int:
-        actual = next(stored)
-        if actual == 10 and next(stored):
-            enough.set()
-        return actual
+        count = next(stored_counts)
+        if count == 10:
+            all_compiled.set()
+        return count
 
     monkeypatch.setattr("laisn.compiled.count_stored", count_stored)
     monkeypatch.setattr(progress, "_REFRESH_HZ", 100.0)
     console = Console(file=io.StringIO(), force_terminal=True, width=120, color_system=None)
     monkeypatch.setattr(progress, "Console", lambda stderr: console)
-    with progress.phases(console) if flight else progress.compiling_shown():
-        assert enough.wait(10.0)
+    with progress.phases(console) if has_phases else progress.compiling_shown():
+        assert all_compiled.wait(10.0)
         time.sleep(0.3)
-    shown = console.file.getvalue()  # type: ignore[attr-defined]
-    assert re.search(r"compiling \(once for each version.*: 7 functions, \d+ s", shown)
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    assert re.search(r"compiling \(once for each version.*: 7 functions, \d+ s", printed)
 
 
 def test_the_first_item_is_not_in_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Compiled for 60 s, then an item every 10 s: with 3 of 6 done, 30 s are left, at 0.1 a
-    second.
+    """The first takes 60 s, as it compiles, then there is one every 10 s: with 3 of 6 done, 30 s
+    are left, at 0.1 a second.
     """
     clock = [0.0]
     monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0]))
@@ -100,9 +103,11 @@ def test_the_first_item_is_not_in_the_time_left(
 def test_a_log_is_never_silent_for_long(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where a phase of a flight takes long, or what is compiled; here every fifth of a second."""
-    stored = iter([3, 3, *[8] * 1000])
-    monkeypatch.setattr("laisn.compiled.count_stored", lambda: next(stored))
+    """While a phase of a flight or compiling takes long, there is a line every so often, here
+    every fifth of a second. The cache holds 3 functions at first, then 8.
+    """
+    stored_counts = iter([3, 3, *[8] * 1000])
+    monkeypatch.setattr("laisn.compiled.count_stored", lambda: next(stored_counts))
     monkeypatch.setattr(progress, "_LINE_EVERY_S", 0.2)
     with progress.phases(Console(stderr=True)) as phase:
         time.sleep(0.5)
@@ -128,6 +133,8 @@ def test_nothing_is_reported_where_nothing_is_to_be_done(
 def test_the_oldest_rich_allowed_prints_no_empty_line() -> None:
     """Bars that are switched off print one before version 14.3."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    (bound,) = (text for text in project["dependencies"] if text.startswith("rich"))
-    assert bound.startswith("rich>=")
-    assert tuple(map(int, re.findall(r"[0-9]+", bound))) >= (14, 3)
+    (requirement,) = (
+        dependency for dependency in project["dependencies"] if dependency.startswith("rich")
+    )
+    assert requirement.startswith("rich>=")
+    assert tuple(map(int, re.findall(r"[0-9]+", requirement))) >= (14, 3)

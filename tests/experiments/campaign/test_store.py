@@ -44,9 +44,11 @@ def store(tmp_path: Path) -> Store:
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
-    """One of the things that happen to files."""
-    n = len(content)
-    i, j = sorted(rng.integers(0, n, 2).tolist())
+    """The content with a flipped bit, cut short, or with a piece zeroed, left out, repeated or
+    overwritten at random.
+    """
+    size = len(content)
+    i, j = sorted(rng.integers(0, size, 2).tolist())
     kind = rng.integers(0, 6)
     if kind == 0:
         flipped = bytearray(content)
@@ -63,49 +65,47 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     return content[:i] + rng.bytes(j - i) + content[j:]
 
 
-def content(stored: tuple[Any, Arrays] | None) -> object:
-    """All of a result to compare; None if there is none."""
+def comparable(stored: tuple[Any, Arrays] | None) -> object:
+    """All of a result, to the bit, in a form to compare; None if there is none."""
     return stored and (
         repr(stored[0]),
-        {name: (v.dtype, v.shape, v.tobytes()) for name, v in stored[1].items()},
+        {name: (array.dtype, array.shape, array.tobytes()) for name, array in stored[1].items()},
     )
 
 
 @pytest.mark.system
 def test_no_damage_of_a_result_changes_a_number(store: Store) -> None:
-    """Every bit of a byte is flipped; zip archives leave gaps between checksums, such as times
-    and attributes.
+    """After 400 kinds of damage, and with one bit of every byte flipped, a result is refused or
+    the same: bytes that no checksum of a zip archive covers, such as times and attributes, may
+    change.
     """
     path = store.path(KEY)
     whole = path.read_bytes()
     rng = np.random.default_rng(10)
-    tried = [damaged(whole, rng) for _ in range(400)]
-    tried += [
+    damaged_contents = [damaged(whole, rng) for _ in range(400)]
+    damaged_contents += [
         whole[:i] + bytes([whole[i] ^ (1 << i % 8)]) + whole[i + 1 :] for i in range(len(whole))
     ]
-    right, refused = (
-        (repr(RECORD), {name: (v.dtype, v.shape, v.tobytes()) for name, v in ARRAYS.items()}),
-        0,
-    )
-    for damage in tried:
-        path.write_bytes(damage)
+    refused = 0
+    for damaged_content in damaged_contents:
+        path.write_bytes(damaged_content)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            actual = content(store.get(KEY))
+            actual = comparable(store.get(KEY))
         if actual is None:
-            assert [w.category for w in caught] == [DamagedResult]
+            assert [warning.category for warning in caught] == [DamagedResult]
             assert "computed again: " in str(caught[0].message)
             refused += 1
         else:
-            assert actual == right
-    assert refused > 0.8 * len(tried)
+            assert actual == comparable((RECORD, ARRAYS))
+    assert refused > 0.8 * len(damaged_contents)
 
 
 def test_a_result_is_read_as_it_was_written(store: Store) -> None:
     record, arrays = store.get(KEY) or (None, {})
     assert repr(record) == repr(RECORD)
     assert {name: values.tolist() for name, values in arrays.items()} == {
-        n: v.tolist() for n, v in ARRAYS.items()
+        name: values.tolist() for name, values in ARRAYS.items()
     }
     assert store.get(OTHER) is None
     store.put(
@@ -131,7 +131,7 @@ def test_columns_are_read_as_they_were_written(store: Store, runs: int) -> None:
     }
     for arrays in (columns, columns | {"time_s": np.arange(runs + 300.0)}):
         store.put(OTHER, RECORD, arrays)
-        assert content(store.get(OTHER)) == content((RECORD, arrays))
+        assert comparable(store.get(OTHER)) == comparable((RECORD, arrays))
         assert [*(store.get(OTHER) or ({}, {}))[1]] == [*arrays]
 
 
@@ -155,12 +155,12 @@ def test_a_table_with_a_damaged_page_is_refused(tmp_path: Path) -> None:
     whole = path.read_bytes()
     # pages stand before the footer, which its last eight bytes measure
     pages = len(whole) - 8 - int.from_bytes(whole[-8:-4], "little")
-    for place in np.random.default_rng(2).integers(100, pages, 40).tolist():
-        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0x10]) + whole[place + 1 :])
+    for offset in np.random.default_rng(2).integers(100, pages, 40).tolist():
+        path.write_bytes(whole[:offset] + bytes([whole[offset] ^ 0x10]) + whole[offset + 1 :])
         with pytest.raises(LaisnError, match=r"runs\.parquet: it is damaged: .*writes it again"):
             read_table(path)
-    for content in (whole[:-20], b""):
-        path.write_bytes(content)
+    for remainder in (whole[:-20], b""):
+        path.write_bytes(remainder)
         with pytest.raises(LaisnError, match="it is damaged"):
             read_table(path)
 
@@ -174,6 +174,7 @@ def test_a_damaged_manifest_is_written_again(store: Store, text: str) -> None:
     assert manifest.read_bytes() == whole
 
 
+# a process that opens, empties and fills the folder in turn
 OPENER = """
 import sys
 from pathlib import Path
@@ -184,8 +185,8 @@ for i in range(100):
     store = Store(Path(sys.argv[1]), force=i % 3 == 2)
     if i % 3:
         store.put(KEY, RECORD, ARRAYS)
-    found = Store(Path(sys.argv[1])).get(KEY)
-    assert found is None or found[0]["runs"] == 3
+    result = Store(Path(sys.argv[1])).get(KEY)
+    assert result is None or result[0]["runs"] == 3
 """
 
 
@@ -197,26 +198,30 @@ def test_processes_that_share_a_folder_never_fail(tmp_path: Path) -> None:
         subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) for _ in range(3)
     ]
     for child in children:
-        _, words = child.communicate(timeout=300)
-        assert child.returncode == 0, words
-    assert sorted(p.name for p in folder.rglob("*")) == [f"{KEY}.zip", "campaign.json", "store"]
+        _, errors = child.communicate(timeout=300)
+        assert child.returncode == 0, errors
+    assert sorted(path.name for path in folder.rglob("*")) == [
+        f"{KEY}.zip",
+        "campaign.json",
+        "store",
+    ]
 
 
-def test_a_full_disk_names_the_file_that_had_no_room(
+def test_the_error_of_a_full_disk_names_the_file_being_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As the system reports it while a file is written: without a name."""
+    """The system reports a full disk without the name of the file that is being written."""
 
-    def full(*_: object, **__: object) -> None:
+    def raise_disk_full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     store = Store(tmp_path)
-    monkeypatch.setattr(ZipFile, "writestr", full)
+    monkeypatch.setattr(ZipFile, "writestr", raise_disk_full)
     with pytest.raises(OSError, match="No space left") as caught:
         store.put("a", {}, {})
     assert caught.value.filename == str(store.path("a"))
     assert [path.name for path in (tmp_path / "store").iterdir()] == []
-    with pytest.raises(typer.Exit) as ended, report_errors():
+    with pytest.raises(typer.Exit) as exited, report_errors():
         raise caught.value
-    assert ended.value.exit_code == 2
+    assert exited.value.exit_code == 2
     assert "make room there, or choose another folder" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Flights that campaigns store: flown again if damaged, and shared by cells."""
+"""Motions that campaigns store: flown again if damaged, and shared by cells."""
 
 import warnings
 
@@ -20,8 +20,7 @@ BIASED = VehicleSensors(speed_bias_m_s=0.4)
 
 @pytest.mark.parametrize("damage", ["empty", "garbage", "cut off", "another archive"])
 def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
-    given = scenario()
-    flown = campaign.mission(given, Store(tmp_path))
+    flown = campaign.mission(scenario(), Store(tmp_path))
     [path] = (tmp_path / "store").iterdir()
     whole = path.read_bytes()
     if damage == "another archive":
@@ -34,21 +33,20 @@ def test_a_damaged_flight_is_flown_again_with_a_warning(tmp_path, damage):
     with pytest.warns(
         DamagedResult, match=rf"{path.name} cannot be read and is computed again: ."
     ) as caught:
-        again = campaign.mission(given, Store(tmp_path))
+        again = campaign.mission(scenario(), Store(tmp_path))
     assert len(caught) == 1
     assert again.position.tobytes() == flown.position.tobytes()
     assert path.read_bytes() == whole
 
 
-def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
-    given = scenario()
-    flown, store = campaign.mission(given, Store(tmp_path)), Store(tmp_path)
+def test_no_flipped_bit_of_a_flight_changes_a_number(tmp_path):
+    flown, store = campaign.mission(scenario(), Store(tmp_path)), Store(tmp_path)
     [path] = (tmp_path / "store").iterdir()
     whole = path.read_bytes()
     refused = 0
-    for place in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
+    for offset in np.random.default_rng(5).choice(len(whole), 60, replace=False).tolist():
         damaged = bytearray(whole)
-        damaged[place] ^= 0x20
+        damaged[offset] ^= 0x20
         path.write_bytes(damaged)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -61,25 +59,27 @@ def test_no_flipped_byte_of_a_flight_changes_a_number(tmp_path):
     assert refused > 50
 
 
-def test_one_flight_serves_other_transmitters_and_errors():
-    one = scenario()
-    noisy = [f.model_copy(update={"sensors": BIASED}) for f in one.followers]
-    other = scenario(
+def test_one_flight_serves_cells_with_other_transmitters_and_errors():
+    plain = scenario()
+    biased_followers = [
+        follower.model_copy(update={"sensors": BIASED}) for follower in plain.followers
+    ]
+    with_errors = scenario(
         leader=Leader(baseline_m=1.0, middle_offset_m=0.2, broadcast_attitude=True, sensors=BIASED),
         acoustics=Acoustics(range_scale_mean_m=0.3),
-    ).model_copy(update={"followers": tuple(noisy)})
-    keys = [key_of(MotionSettings.of(mission)) for mission in (one, other, scenario("T3"))]
+    ).model_copy(update={"followers": tuple(biased_followers)})
+    keys = [key_of(MotionSettings.of(mission)) for mission in (plain, with_errors, scenario("T3"))]
     assert keys[0] == keys[1] != keys[2]
-    flown = simulate_motion(other)
-    moved = montecarlo.with_transmitter_sites(
-        montecarlo.simulate_mission(one), CellSettings.of(other).transmitters
+    flown_motion = simulate_motion(with_errors)
+    served_motion = montecarlo.with_transmitter_sites(
+        montecarlo.simulate_mission(plain), CellSettings.of(with_errors).transmitters
     )
-    np.testing.assert_array_equal(moved.site_offset, flown.site_offset)
-    np.testing.assert_array_equal(moved.position, flown.position)
+    np.testing.assert_array_equal(served_motion.site_offset, flown_motion.site_offset)
+    np.testing.assert_array_equal(served_motion.position, flown_motion.position)
 
 
 def test_a_stored_flight_has_the_transmitters_of_the_hull_whoever_flew_it_first(tmp_path):
-    """A cell without keys of their places takes them from there."""
+    """A cell whose scenario does not place the transmitters takes their places from it."""
     store = Store(tmp_path)
     first = campaign.mission(scenario(leader=Leader(baseline_m=1.0)), store)
     later = campaign.mission(scenario(leader=Leader(baseline_m=None)), store)

@@ -21,16 +21,19 @@ CALLS: list[int] = []
 
 @pytest.fixture(autouse=True)
 def sources(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This file is none of the project's packages."""
-    own = store._source
+    """The tasks of this file, which is in none of the project's packages, count as of a module
+    that is.
+    """
+    original = store._source
     monkeypatch.setattr(
         store,
         "_source",
-        lambda module: own("sim.trajectory") if module == __name__ else own(module),
+        lambda module: original("sim.trajectory") if module == __name__ else original(module),
     )
 
 
 def square(of: int, times: int = 1) -> list[dict[str, Any]]:
+    """A task of so many rows, which notes its call in `CALLS`; it fails for negative numbers."""
     CALLS.append(of)
     if of < 0:
         raise CampaignError(f"no root of {of}\nand a second line")
@@ -38,17 +41,18 @@ def square(of: int, times: int = 1) -> list[dict[str, Any]]:
     return [row | {"values": (of * of / 3.0,) * (k + 1)} for k in range(times)]
 
 
-def other(of: int) -> list[dict[str, Any]]:
+def another_task(of: int) -> list[dict[str, Any]]:
     return [{"of": of}]
 
 
-def flown(folder: Path, *numbers: int, **how: Any) -> CampaignResults:
-    tasks = {n: partial(square, n, times=2) for n in numbers}
-    return campaign.fly([], tasks, folder, workers=1, quiet=True, **how)
+def run_squares(folder: Path, *numbers: int, **options: Any) -> CampaignResults:
+    """Run a task for each number, which is also its name."""
+    tasks = {number: partial(square, number, times=2) for number in numbers}
+    return campaign.fly([], tasks, folder, workers=1, quiet=True, **options)
 
 
 def test_rows_are_returned_unchanged_in_the_requested_order(tmp_path: Path) -> None:
-    actual = flown(tmp_path, 3, 2).tasks
+    actual = run_squares(tmp_path, 3, 2).tasks
     assert list(actual) == [3, 2]
     assert [row["values"] for row in actual[3]] == [[3.0], [3.0, 3.0]]
     assert actual[3][0]["limits"] == [1.0, 0.5, 2.0]
@@ -64,7 +68,7 @@ def test_what_killed_workers_left_half_written_is_removed(
 
     monkeypatch.setattr(campaign, "run_jobs", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        flown(tmp_path, 2)
+        run_squares(tmp_path, 2)
     assert [*(tmp_path / "store").iterdir()] == []
     (tmp_path / "store" / ".b.zip.1234.part").touch()
     Store(tmp_path)
@@ -72,53 +76,59 @@ def test_what_killed_workers_left_half_written_is_removed(
 
 
 def test_what_is_stored_is_not_computed_again_unless_forced(tmp_path: Path) -> None:
-    flown(tmp_path, 2)
+    run_squares(tmp_path, 2)
     CALLS.clear()
-    flown(tmp_path, 2, 3)
+    run_squares(tmp_path, 2, 3)
     assert CALLS == [3]
-    flown(tmp_path, 2, force=True)
+    run_squares(tmp_path, 2, force=True)
     assert CALLS == [3, 2]
 
 
-def test_a_failure_stops_the_study_after_other_results_are_stored_or_is_reported(
+def test_a_failure_is_raised_once_other_results_are_stored_or_is_returned_if_tolerated(
     tmp_path: Path,
 ) -> None:
     with pytest.raises(CampaignError, match=r"^no root of -1$"):
-        flown(tmp_path, -1, 2)
+        run_squares(tmp_path, -1, 2)
     CALLS.clear()
-    actual = flown(tmp_path, -1, 2, tolerant=True)
+    actual = run_squares(tmp_path, -1, 2, tolerant=True)
     assert (CALLS, list(actual.tasks), actual.failures) == ([-1], [2], {-1: "no root of -1"})
 
 
-def test_the_key_is_of_the_sources_and_of_all_that_is_given(
+def test_the_key_depends_on_the_sources_and_on_all_arguments(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    one, two = (Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6"))
+    on_t5, on_t6 = (
+        Scenario(name="one", followers=(Follower(route=route),)) for route in ("T5", "T6")
+    )
     keys = [
-        key_of(square, one, 1),
-        key_of(square, two, 1),
-        key_of(square, one, 2),
-        key_of(other, one, 1),
+        key_of(square, on_t5, 1),
+        key_of(square, on_t6, 1),
+        key_of(square, on_t5, 2),
+        key_of(another_task, on_t5, 1),
     ]
     assert len(set(keys)) == 4
     assert key_of(square, range(3)) != key_of(square, range(1, 3))
     with pytest.raises(TypeError, match="depends on object, of which no key"):
         key_of(square, object())
     monkeypatch.setattr(store, "_source", lambda module: f"{module} edited")
-    assert key_of(square, one, 1) not in keys
+    assert key_of(square, on_t5, 1) not in keys
 
 
 def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path: Path) -> None:
-    ahead: list[int] = []
+    compilations: list[int] = []
     for _ in range(2):
         campaign.fly(
-            [], {2: partial(square, 2)}, tmp_path, compile_tasks=lambda: ahead.append(1), workers=1
+            [],
+            {2: partial(square, 2)},
+            tmp_path,
+            compile_tasks=lambda: compilations.append(1),
+            workers=1,
         )
-    assert ahead == [1]
+    assert compilations == [1]
 
 
-class Results(Store):
-    """Of which a test decides what is stored."""
+class PretendingStore(Store):
+    """A store of which a test decides which of the keys 0 to 99 have results."""
 
     def __init__(self, folder: Path, is_stored: Callable[[int], bool]) -> None:
         super().__init__(folder)
@@ -128,9 +138,9 @@ class Results(Store):
         return (None, {}) if self._is_stored(int(key)) else None
 
 
-def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> None:
-    """Compute 100 results of nothing in this process, in the order in which the campaign takes
-    them.
+def take_100_jobs(folder: Path, is_stored: Callable[[int], bool], computed: list[int]) -> None:
+    """Run 100 jobs, which compute nothing, in this process; `computed` gets the numbers of those
+    that were not stored, in the order in which they were taken.
     """
 
     def work(number: int, _: Store) -> Callable[[], list[Result]]:
@@ -138,21 +148,23 @@ def order(folder: Path, stored: Callable[[int], bool], computed: list[int]) -> N
         return list
 
     jobs = [
-        Job(key=n, kind="results", result_keys=[str(n)], run=partial(work, n)) for n in range(100)
+        Job(key=number, kind="results", result_keys=[str(number)], run=partial(work, number))
+        for number in range(100)
     ]
-    run_jobs(jobs, Results(folder, stored), Pool(1), quiet=True)
+    run_jobs(jobs, PretendingStore(folder, is_stored), Pool(1), quiet=True)
 
 
 def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> None:
     stored, skipped, computed = set[int](), list[int](), list[int]()
 
     def is_stored(number: int) -> bool:
-        stored.update((other + 1) % 100 for other in computed)
+        # the other process has stored the result that follows each one computed here
+        stored.update((number_before + 1) % 100 for number_before in computed)
         if number in stored:
             skipped.append(number)
         return number in stored
 
-    order(tmp_path, is_stored, computed)
+    take_100_jobs(tmp_path, is_stored, computed)
     assert sorted(computed + skipped) == list(range(100))
     assert skipped
 
@@ -160,6 +172,6 @@ def test_what_another_process_stores_meanwhile_is_skipped(tmp_path: Path) -> Non
 def test_processes_take_work_in_different_orders(tmp_path: Path) -> None:
     orders: list[list[int]] = [[], []]
     for computed in orders:
-        order(tmp_path, lambda _: False, computed)
+        take_100_jobs(tmp_path, lambda _: False, computed)
     assert orders[0] != orders[1]
     assert sorted(orders[0]) == sorted(orders[1]) == list(range(100))

@@ -21,9 +21,9 @@ def test_waiting_takes_time_by_the_clock_and_none_of_the_processor() -> None:
 
 def test_the_work_of_children_that_have_ended_counts() -> None:
     watch = Stopwatch()
-    work = "import time\nwhile time.process_time() < 0.2: pass"
+    program = "import time\nwhile time.process_time() < 0.2: pass"
     with watch.phase("work"):
-        subprocess.run([sys.executable, "-c", work], check=True)
+        subprocess.run([sys.executable, "-c", program], check=True)
     assert watch["work_processor_s"] >= 0.2
 
 

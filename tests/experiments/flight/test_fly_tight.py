@@ -40,7 +40,9 @@ def scenario(*assignments: str) -> Scenario:
 
 @pytest.fixture(scope="module")
 def flight() -> FlightRecord:
-    """Two transmitters and no known start: both sides are kept for a while."""
+    """Two transmitters and no known start: the hypotheses on both sides of the leader last for a
+    while.
+    """
     return fly(scenario("navigation.assume.transmitters=2", "navigation.assume.known_start=false"))[
         0
     ]
@@ -48,6 +50,7 @@ def flight() -> FlightRecord:
 
 @pytest.fixture(scope="module")
 def errors(flight: FlightRecord) -> list[Any]:
+    """Errors of position and of bearing at each step, of each follower."""
     return position_and_bearing_errors(flight)
 
 
@@ -58,18 +61,18 @@ def estimates_of(flight: FlightRecord) -> TightEstimates:
 
 
 def test_a_scenario_has_the_defaults_of_the_settings() -> None:
-    """The scenario's σ of everything, in its units, are those of `TightSettings`."""
-    one, flown = scenario(), fly(scenario())[0]
-    made = navigation_settings(one, flown.trajectory.sites, 0)
-    assert isinstance(made, TightSettings)
-    plain = TightSettings(
-        hydrophone_height=made.hydrophone_height,
-        baseline=one.leader.baseline_m or 0.0,
-        middle_offset=one.leader.middle_offset_m or 0.0,
-        floor_depth=one.ocean.floor_depth_m,
+    """The assumptions of a scenario, in SI units, are those of `TightSettings`."""
+    plain_scenario, flight = scenario(), fly(scenario())[0]
+    settings = navigation_settings(plain_scenario, flight.trajectory.sites, 0)
+    assert isinstance(settings, TightSettings)
+    expected_settings = TightSettings(
+        hydrophone_height=settings.hydrophone_height,
+        baseline=plain_scenario.leader.baseline_m or 0.0,
+        middle_offset=plain_scenario.leader.middle_offset_m or 0.0,
+        floor_depth=plain_scenario.ocean.floor_depth_m,
     )
     for field in fields(TightSettings):
-        expected, value = getattr(plain, field.name), getattr(made, field.name)
+        expected, value = getattr(expected_settings, field.name), getattr(settings, field.name)
         assert value == (pytest.approx(expected) if isinstance(expected, float) else expected), (
             field.name
         )
@@ -100,47 +103,53 @@ def test_a_scenario_has_the_defaults_of_the_settings() -> None:
 def test_every_key_reaches_its_setting(
     key: str, value: str, field: str, expected: float, flight: FlightRecord
 ) -> None:
-    made = navigation_settings(
+    settings = navigation_settings(
         scenario(f"navigation.assume.{key}={value}"), flight.trajectory.sites, 0
     )
-    assert getattr(made, field) == pytest.approx(expected)
+    assert getattr(settings, field) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("flag", ["exact_leader", "drift", "deviation", "current", "offsets"])
 def test_every_assumption_reaches_its_setting(flag: str, flight: FlightRecord) -> None:
-    other = not getattr(AssumeTable(), flag)
-    made = navigation_settings(
-        scenario(f"navigation.assume.{flag}={str(other).lower()}"), flight.trajectory.sites, 0
+    opposite = not getattr(AssumeTable(), flag)
+    settings = navigation_settings(
+        scenario(f"navigation.assume.{flag}={str(opposite).lower()}"), flight.trajectory.sites, 0
     )
-    assert isinstance(made, TightSettings)
-    usual = TightSettings().assume
-    assert made.assume == replace(usual, **{flag: other})
+    assert isinstance(settings, TightSettings)
+    default = TightSettings().assume
+    assert settings.assume == replace(default, **{flag: opposite})
 
 
 def test_physical_vehicles_slip_and_points_do_not(flight: FlightRecord) -> None:
     def slip(*assignments: str) -> float:
-        made = navigation_settings(scenario(*assignments), flight.trajectory.sites, 0)
-        assert isinstance(made, TightSettings)
-        return made.slip
+        settings = navigation_settings(scenario(*assignments), flight.trajectory.sites, 0)
+        assert isinstance(settings, TightSettings)
+        return settings.slip
 
     assert slip() == 0.0
     assert slip("motion=physics") == SLIP_M_SQRT_S > 0.0
     assert slip("motion=physics", "navigation.assume.slip_m_sqrt_s=0") == 0.0
 
 
-def test_studies_of_laisn_are_given_its_settings_alone(flight: FlightRecord) -> None:
+def test_settings_of_another_navigator_than_the_scenario_s_are_refused(
+    flight: FlightRecord,
+) -> None:
     with pytest.raises(LaisnError, match=r"navigates by 'tight'; expected one of laisn-2, "):
         settings_as(NavigationSettings, flight.scenario, flight.trajectory.sites, 0)
     laisn = navigation_settings(load_scenario("T2", []), flight.trajectory.sites, 0)
     assert isinstance(laisn, NavigationSettings)
 
 
-def test_it_is_flown_as_it_navigates_afterwards(flight: FlightRecord) -> None:
+def test_navigated_again_the_flight_has_the_same_estimates_from_ranges_alone(
+    flight: FlightRecord,
+) -> None:
     again = navigate(flight.scenario, flight.trajectory)
     assert bits(again.estimates) == bits(flight.estimates)
     estimates = estimates_of(flight)
     assert set(estimates.fix_kind.tolist()) == {FixKind.RANGES}
+    # a second hypothesis lasts for more than five messages
     assert np.count_nonzero(estimates.weight[:, 1] > 0.01) > 5
+    # of the quantities beyond the first five, none is estimated by default
     assert np.isnan(estimates.full_state[:, 5:]).all()
 
 
@@ -154,7 +163,9 @@ def test_a_mixture_that_lacks_a_message_is_detected(flight: FlightRecord, tmp_pa
     writer.write(flight, path)
     parts = Parts.of(path.read_bytes())
     del parts.messages[
-        next(i for i, item in enumerate(parts.messages) if item[1].topic == "/follower/mixture")
+        next(
+            i for i, message in enumerate(parts.messages) if message[1].topic == "/follower/mixture"
+        )
     ]
     path.write_bytes(parts.written())
     with pytest.raises(
@@ -164,57 +175,66 @@ def test_a_mixture_that_lacks_a_message_is_detected(flight: FlightRecord, tmp_pa
 
 
 def test_an_excerpt_keeps_the_mixtures_of_its_messages(flight: FlightRecord) -> None:
-    whole, part = estimates_of(flight), estimates_of(excerpt(flight, 10.0, 20.0))
-    assert part.fix_step.tolist() == (whole.fix_step[10:20] - 100).tolist()
-    np.testing.assert_array_equal(part.weight, whole.weight[10:20])
-    np.testing.assert_array_equal(part.state, whole.state[100:200])
+    whole, excerpt_estimates = estimates_of(flight), estimates_of(excerpt(flight, 10.0, 20.0))
+    # from 10 to 20 s: messages each second, steps of 0.1 s
+    assert excerpt_estimates.fix_step.tolist() == (whole.fix_step[10:20] - 100).tolist()
+    np.testing.assert_array_equal(excerpt_estimates.weight, whole.weight[10:20])
+    np.testing.assert_array_equal(excerpt_estimates.state, whole.state[100:200])
 
 
 def test_the_film_shows_every_side_and_they_average_to_the_estimate(flight: FlightRecord) -> None:
     data, estimates = FilmData(flight, 10.0), estimates_of(flight)
-    several = 0
+    times_with_several = 0
     for time in np.arange(1.05, 40.0, 1.7):
         state = data.at(float(time))
         (sides,) = state.hypotheses
-        weight, places = np.array([s.weight for s in sides]), np.stack([s.centre for s in sides])
-        # those of less than a hundredth are left out
-        assert np.hypot(*((weight @ places) / weight.sum() - state.estimate[0])[:2]) < 0.5
-        several += len(sides) > 1
-    assert several > 3
+        weight, centres = (
+            np.array([side.weight for side in sides]),
+            np.stack([side.centre for side in sides]),
+        )
+        # not exactly the estimate, as the film leaves out hypotheses of less than a hundredth
+        assert np.hypot(*((weight @ centres) / weight.sum() - state.estimate[0])[:2]) < 0.5
+        times_with_several += len(sides) > 1
+    assert times_with_several > 3
     assert estimates.weight.shape[1] == HYPOTHESES
 
 
 def test_the_summary_begins_where_the_start_is_found(
     flight: FlightRecord, errors: list[Any]
 ) -> None:
+    # the first message, at step 10, finds the start
     assert np.isnan(errors[0][0][:9]).all()
     row = summarise(flight)["followers"]["follower"]
     truth, estimates = flight.hydrophone(0)[9:, :2], estimates_of(flight)
-    off = estimates.state[9:, :2] - truth
+    error = estimates.state[9:, :2] - truth
     normalised = np.einsum(
-        "ni,nij,nj->n", off, np.linalg.inv(estimates.covariance[9:, :2, :2]), off
+        "ni,nij,nj->n", error, np.linalg.inv(estimates.covariance[9:, :2, :2]), error
     )
     bound = flight_bound(flight, 0)[9:]
     assert row["nees"] == pytest.approx(normalised.mean(), rel=1e-9)
     assert row["bound_rms_m"] == pytest.approx(np.sqrt(np.mean(bound**2)))
     assert row["rms_over_bound"] == pytest.approx(
-        np.sqrt(np.mean(np.sum(off**2, axis=1)) / np.mean(bound**2))
+        np.sqrt(np.mean(np.sum(error**2, axis=1)) / np.mean(bound**2))
     )
+    # a message each second
     assert row["fixes"]["ranges"] == 40
 
 
-def test_more_transmitters_and_more_messages_can_be_better(flight: FlightRecord) -> None:
-    three = fly(scenario("navigation.assume.transmitters=3"))[0]
-    assert np.all(flight_bound(three, 0)[10:] < flight_bound(flight, 0)[10:])
+def test_the_bound_falls_with_a_third_transmitter_and_grows_where_no_message_arrives(
+    flight: FlightRecord,
+) -> None:
+    three_transmitters = fly(scenario("navigation.assume.transmitters=3"))[0]
+    assert np.all(flight_bound(three_transmitters, 0)[10:] < flight_bound(flight, 0)[10:])
     (received,) = flight.measurements
     ranges = received.ranges.copy()
+    # the sixth message, at step 60, and all later ones are lost
     ranges[5:] = np.nan
-    deaf = replace(flight, measurements=(replace(received, ranges=ranges),))
-    assert np.array_equal(flight_bound(deaf, 0)[:59], flight_bound(flight, 0)[:59])
-    assert np.all(np.diff(flight_bound(deaf, 0)[60:]) > 0.0)
+    without_late_messages = replace(flight, measurements=(replace(received, ranges=ranges),))
+    assert np.array_equal(flight_bound(without_late_messages, 0)[:59], flight_bound(flight, 0)[:59])
+    assert np.all(np.diff(flight_bound(without_late_messages, 0)[60:]) > 0.0)
 
 
-def _parts(flight: FlightRecord, errors: list[Any]) -> list[str]:
+def labels_over_time(flight: FlightRecord, errors: list[Any]) -> list[str]:
     """Labels of what the report draws over time."""
     (over_time,) = follower_curves(flight, 0, errors[0], flight_bound(flight, 0)).panels
     return [part.y_label for part in over_time.parts]
@@ -223,8 +243,8 @@ def _parts(flight: FlightRecord, errors: list[Any]) -> list[str]:
 def test_the_report_draws_bound_and_weights_and_prints_results(
     flight: FlightRecord, errors: list[Any]
 ) -> None:
-    assert _parts(flight, errors)[-2:] == ["fixes", "weights"]
+    assert labels_over_time(flight, errors)[-2:] == ["fixes", "weights"]
     (states,) = final_states(flight).values()
     assert [*states] == ["log bias [m/s]", "compass bias [°]", "range scale [m]"]
     laisn = fly(load_scenario("T2", ["duration_s=20", "motion=kinematic"]))[0]
-    assert _parts(laisn, position_and_bearing_errors(laisn))[-1] == "fixes"
+    assert labels_over_time(laisn, position_and_bearing_errors(laisn))[-1] == "fixes"

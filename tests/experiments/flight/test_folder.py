@@ -27,27 +27,28 @@ from sim.log.contents import partial_path
 
 
 def contents(folder: Path) -> dict[str, str]:
+    """The text of all files of a folder, by their paths within it."""
     return {
-        p.relative_to(folder).as_posix(): p.read_text()
-        for p in sorted(folder.rglob("*"))
-        if p.is_file()
+        path.relative_to(folder).as_posix(): path.read_text()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
     }
 
 
-def write(folder: Path, word: str, names: tuple[str, ...] = FILES) -> None:
+def write(folder: Path, text: str, names: tuple[str, ...] = FILES) -> None:
     for name in names:
-        (folder / name).write_text(word)
+        (folder / name).write_text(text)
 
 
 def fly(
     folder: Path,
-    word: str,
+    text: str,
     names: tuple[str, ...] = FILES,
     error: type[BaseException] | None = None,
 ) -> None:
-    """Write a flight, and fail if an error is given."""
+    """Write the files of a flight, all with the same text, and raise the error, if any."""
     with one_flight(folder) as work:
-        write(work, word, names)
+        write(work, text, names)
         if error is not None:
             raise error
 
@@ -55,10 +56,10 @@ def fly(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Holds a whole earlier flight and a file of the user's."""
-    flown = tmp_path / "T5"
-    fly(flown, "earlier")
-    (flown / "notes.txt").write_text("mine")
-    return flown
+    path = tmp_path / "T5"
+    fly(path, "earlier")
+    (path / "notes.txt").write_text("mine")
+    return path
 
 
 def test_a_whole_flight_takes_the_place_of_the_earlier_one(folder: Path) -> None:
@@ -85,7 +86,7 @@ def test_a_flight_that_fails_leaves_the_earlier_one_and_nothing_else(
     with pytest.raises(error) as raised:
         fly(folder, "new", (REPORT,), error)
     assert contents(folder) == before
-    assert sorted(p.name for p in folder.iterdir()) == sorted(before)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(before)
     assert raised.value.__notes__ == [
         f"nothing of this flight is kept; the earlier flight in {folder} is unchanged"
     ]
@@ -112,49 +113,51 @@ def test_a_failed_first_flight_mentions_no_earlier_one(tmp_path: Path) -> None:
     assert not (tmp_path / "T5").exists()
 
 
-@pytest.mark.parametrize("moved", [False, True], ids=["before the move", "after the move"])
-@pytest.mark.parametrize("at", range(len(FILES)))
+@pytest.mark.parametrize("after_move", [False, True], ids=["before the move", "after the move"])
+@pytest.mark.parametrize("move", range(len(FILES)))
 def test_an_interrupt_between_any_two_moves_loses_no_file_of_the_new_flight(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, at: int, moved: bool
+    folder: Path, monkeypatch: pytest.MonkeyPatch, move: int, after_move: bool
 ) -> None:
-    """A folder with a summary has all other files of that flight; the next flight may be written
-    into any of these.
+    """The summary is moved last, so that a folder with a summary has all files of that flight; the
+    next flight may be written into the folder after any of these interrupts.
     """
     replace, count = os.replace, 0
 
     def interrupted(source: Path, target: Path) -> None:
         nonlocal count
         count += 1
-        if moved or count != at + 1:
+        if after_move or count != move + 1:
             replace(source, target)
-        if count == at + 1:
+        if count == move + 1:
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", interrupted)
         with pytest.raises(KeyboardInterrupt):
             fly(folder, "new")
-    there = contents(folder)
-    assert there.pop("notes.txt") == "mine"
-    assert set(there.values()) == {"new"}
-    assert sorted(Path(name).name for name in there) == sorted(FILES)
-    assert (SUMMARY in there) == (at + moved == len(FILES))
+    files = contents(folder)
+    assert files.pop("notes.txt") == "mine"
+    assert set(files.values()) == {"new"}
+    assert sorted(Path(name).name for name in files) == sorted(FILES)
+    assert (SUMMARY in files) == (move + after_move == len(FILES))
     require_safe(folder)
 
 
 def test_files_of_two_flights_never_coexist(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A crash may come between any two moves."""
-    replace, seen = os.replace, []
+    replace, texts_after_moves = os.replace, []
 
     def watched(source: Path, target: Path) -> None:
         replace(source, target)
-        seen.append({(folder / name).read_text() for name in FILES if (folder / name).exists()})
+        texts_after_moves.append(
+            {(folder / name).read_text() for name in FILES if (folder / name).exists()}
+        )
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", watched)
         fly(folder, "new")
-    assert len(seen) == len(FILES)
-    assert all(len(flights) <= 1 for flights in seen)
+    assert len(texts_after_moves) == len(FILES)
+    assert all(len(texts) <= 1 for texts in texts_after_moves)
 
 
 def test_what_a_killed_flight_left_is_removed_by_the_next(folder: Path) -> None:
@@ -164,6 +167,7 @@ def test_what_a_killed_flight_left_is_removed_by_the_next(folder: Path) -> None:
     assert contents(folder) == dict.fromkeys(FILES, "new") | {"notes.txt": "mine"}
 
 
+# writes a flight whose first file is there, until it is killed or told to end
 FLIGHT = """
 import sys
 from pathlib import Path
@@ -177,23 +181,23 @@ with one_flight(Path(sys.argv[1])) as work:
 
 
 @pytest.mark.system
-def test_a_second_flight_into_a_folder_is_refused_until_the_first_ends_or_is_killed(
+def test_a_second_flight_into_a_folder_is_refused_until_the_process_of_the_first_has_ended(
     tmp_path: Path,
 ) -> None:
-    other = subprocess.Popen(
+    other_process = subprocess.Popen(
         [sys.executable, "-c", FLIGHT, str(tmp_path)],
         cwd=ROOT,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert other.stdout is not None
-    with other:
-        assert other.stdout.readline() == "ready\n"
+    assert other_process.stdout is not None
+    with other_process:
+        assert other_process.stdout.readline() == "ready\n"
         with pytest.raises(LaisnError, match="another process writes a flight into this folder"):
             fly(tmp_path, "new")
         assert contents(tmp_path) == {f"{UNFINISHED}/{FILES[0]}": "other"}
-        other.kill()
+        other_process.kill()
     fly(tmp_path, "new")
     assert contents(tmp_path) == dict.fromkeys(FILES, "new")
 
@@ -241,7 +245,9 @@ def test_a_folder_or_a_link_with_the_name_of_a_result_is_not_replaced(
         (folder / name).unlink()
 
 
-def test_a_scenario_is_not_replaced_by_its_own_flight(folder: Path, tmp_path: Path) -> None:
+def test_a_scenario_is_not_replaced_by_a_changed_copy_from_its_own_flight(
+    folder: Path, tmp_path: Path
+) -> None:
     link = tmp_path / "link.toml"
     link.hardlink_to(folder / SCENARIO)
     for source in (folder / SCENARIO, folder / ".." / folder.name / SCENARIO, link):

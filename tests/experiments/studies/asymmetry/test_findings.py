@@ -18,26 +18,28 @@ WOBBLE = 0.01 * np.cos(np.arange(64.0))
 
 
 def rows() -> list[Record]:
-    """Two routes; pitch adds 1 m on T3, 3 m on T4, of which an AHRS leaves a tenth and a fifth."""
-    made = []
-    for route, real, left in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
-        where = {"route": route, "depth_offset_m": 10.0, "condition": "trim-12N"}
-        lost = np.arange(64) < (16 if route == "T4" else 0)
+    """Three missions: pitch adds 1 m on T3, 3 m on T4, of which an AHRS leaves a tenth and a fifth,
+    and nothing on T3 without depth offset.
+    """
+    all_rows = []
+    for route, real, ahrs in (("T3", 1.2, 0.3), ("T4", 3.2, 0.8)):
+        labels = {"route": route, "depth_offset_m": 10.0, "condition": "trim-12N"}
+        mirror_locked = np.arange(64) < (16 if route == "T4" else 0)
         verdicts = {"error_verdict": "met", "mirror_lock_verdict": "open"}
-        made += [
-            row("level", 0.2 + WOBBLE, **where),
-            row("real", real - WOBBLE, lost, **where),
+        all_rows += [
+            row("level", 0.2 + WOBBLE, **labels),
+            row("real", real - WOBBLE, mirror_locked, **labels),
             row(
                 "ahrs-0.5",
-                left + WOBBLE,
-                lost & (np.arange(64) < 4),
+                ahrs + WOBBLE,
+                mirror_locked & (np.arange(64) < 4),
                 **verdicts,
-                **where,
+                **labels,
             ),
         ]
-    # pitch moves no fix here, and yet half the runs are mirror-locked: it is not judged, but its
-    # mirror locks count; one arm was flown on
-    where = {
+    # pitch moves no fix here, and yet half the runs are mirror-locked: the mission is not judged,
+    # but its mirror locks count; the level leader has 96 runs in place of 64
+    labels = {
         "route": "T3",
         "depth_offset_m": 0.0,
         "condition": "trim-12N",
@@ -45,10 +47,10 @@ def rows() -> list[Record]:
     }
     half = np.arange(64) < 32
     return [
-        *made,
-        row("level", 0.2, flown=96, **where),
-        row("real", 0.2, half, **where),
-        row("ahrs-0.5", 0.2, half, **where),
+        *all_rows,
+        row("level", 0.2, flown=96, **labels),
+        row("real", 0.2, half, **labels),
+        row("ahrs-0.5", 0.2, half, **labels),
     ]
 
 
@@ -81,32 +83,33 @@ def test_the_record_is_that_of_the_rows() -> None:
         assert removed.low < removed.value < removed.high  # type: ignore[operator]
         assert actual[f"mirror-locked real laisn-2 {group}"].value == pytest.approx(48 / 192)
         assert actual[f"mirror-locks-removed ahrs-0.5 laisn-2 {group}"].value == pytest.approx(
-            1 - 36 / 48
+            1 - 36 / 48  # 4 locks on T4 and 32 without depth offset, of 16 and 32
         )
         assert actual[f"judged laisn-2 {group}"].value == 2
         counts = [
-            actual[f"error {v} ahrs-0.5 laisn-2 {group}"].value
-            for v in ("met", "open", "missed", "harmed")
+            actual[f"error {verdict} ahrs-0.5 laisn-2 {group}"].value
+            for verdict in ("met", "open", "missed", "harmed")
         ]
         assert counts == [2, 0, 0, 2]
         assert actual[f"mirror_lock open ahrs-0.5 laisn-2 {group}"].value == 2
+    # on T4 the AHRS removes 2.4 of 3 m, on T3 0.9 of 1 m
     assert actual["least ahrs-0.5 trim"].value == pytest.approx(0.8, abs=1e-3)
     assert actual["largest ahrs-0.5 trim"].value == pytest.approx(0.9, abs=1e-3)
     # limits that hold for two routes and three causes at once leave a sixth of the chance to each
     # (Bonferroni)
-    worst = [e for e in paired(rows()) if e.real["route"] == "T4"]
-    together = removed_in_all(worst, AHRS, confidence=1.0 - 0.05 / 6)
+    on_t4 = [mission for mission in paired(rows()) if mission.real["route"] == "T4"]
+    removed_on_t4 = removed_in_all(on_t4, AHRS, confidence=1.0 - 0.05 / 6)
     assert (actual["least ahrs-0.5 trim"].low, actual["least ahrs-0.5 trim"].high) == pytest.approx(
-        together[1:], rel=1e-5
+        removed_on_t4[1:], rel=1e-5
     )
     stage = actual["stage-4 0.06 10"]
     assert (stage.value, stage.low, stage.high) == (5.0, 4.0, 8.0)
 
 
-def test_pitch_that_does_what_tau_does() -> None:
-    # 0.2 m more at 0.03 m, and 0.1 m a degree; ± 0.1 m at 0.03 m
+def test_the_pitch_that_adds_as_much_as_a_tau_is_read_off_the_curves() -> None:
+    # τ = 0.03 m adds 0.2 ± 0.1 m, and pitch 0.1 m a degree
     assert equivalents(CURVES, 0.03, 10.0) == {
-        r: pytest.approx((2.0, 1.0, 3.0)) for r in ("T3", "T4", "T5")
+        route: pytest.approx((2.0, 1.0, 3.0)) for route in ("T3", "T4", "T5")
     }
     assert [pitch.value for pitch in equivalents(CURVES, 0.06, 10.0).values()] == pytest.approx(
         [4.0, 8.0, 5.0]

@@ -2,6 +2,7 @@
 made by hand.
 """
 
+import itertools
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,10 +42,12 @@ LOOKS = (64, 384)
 
 
 def row(arm: str, errors: Any, mirror_locked: Any = False, **changes: Any) -> Record:
-    """A row whose runs have these errors and mirror locks."""
+    """The row of an arm whose runs, 64 or as many as `flown` says, have these errors [m] and mirror
+    locks.
+    """
     runs = changes.pop("flown", 64)
-    each = np.broadcast_to(np.asarray(errors, dtype=float), runs)
-    lost = np.broadcast_to(np.asarray(mirror_locked, dtype=bool), runs)
+    error_of_run = np.broadcast_to(np.asarray(errors, dtype=float), runs)
+    locked_run = np.broadcast_to(np.asarray(mirror_locked, dtype=bool), runs)
     return (
         {
             "condition": "c",
@@ -53,14 +56,14 @@ def row(arm: str, errors: Any, mirror_locked: Any = False, **changes: Any) -> Re
             "depth_offset_m": 5.0,
             "variant": "laisn-2",
             "runs": 64,
-            "e_p_mean_m": float(each[:64].mean()),
-            "mirror_locked_runs": int(lost[:64].sum()),
+            "e_p_mean_m": float(error_of_run[:64].mean()),
+            "mirror_locked_runs": int(locked_run[:64].sum()),
             "leader_pitch_rms_deg": 5.0,
             "leader_pitch_max_deg": 6.0,
             "depth_offset_rms_m": 5.0,
             "pitch_fix_error_m": 0.4,
-            "e_p_run_mean_m": each,
-            "mirror_locked_run": lost,
+            "e_p_run_mean_m": error_of_run,
+            "mirror_locked_run": locked_run,
             "error_verdict": "",
             "mirror_lock_verdict": "",
         }
@@ -70,50 +73,54 @@ def row(arm: str, errors: Any, mirror_locked: Any = False, **changes: Any) -> Re
 
 
 def mission(**errors: Any) -> ComparedMission:
-    """A mission of the arms level, real and others by their keys."""
-    (one,) = paired([row(key.replace("_", "-"), value) for key, value in errors.items()])
-    return one
+    """A mission with the errors of its arms, level, real and others, by their keys."""
+    (compared,) = paired([row(key.replace("_", "-"), value) for key, value in errors.items()])
+    return compared
 
 
-def share(mission: ComparedMission, arm: str, question: Question = "error") -> float:
+def share_removed(mission: ComparedMission, arm: str, question: Question = "error") -> float:
     """Share that a remedy removes of what pitch adds to runs without mirror lock, or of the
     locks that it adds.
     """
-    part, left, free = mission.compared(question, arm)
-    counted = free | (question == "mirror_lock")
-    return 1.0 - float(left[counted].sum() / part[counted].sum())
+    added_by_pitch, left_by_remedy, unlocked = mission.compared(question, arm)
+    counted = unlocked | (question == "mirror_lock")
+    return 1.0 - float(left_by_remedy[counted].sum() / added_by_pitch[counted].sum())
 
 
 def test_share_removed_and_lever() -> None:
     (excess,) = paired([row("level", 0.2), row("real", 0.7), row("attitude-0.5", 0.25)])
     assert excess.added == pytest.approx(0.5)
     assert mean_added([excess], READINGS).value == pytest.approx(0.05)
-    assert share(excess, READINGS) == pytest.approx(0.9)
+    assert share_removed(excess, READINGS) == pytest.approx(0.9)
     assert excess.lever == pytest.approx(5.0 * np.sin(np.deg2rad(5.0)))
 
 
-def test_captured_runs_count_apart() -> None:
-    last = np.arange(64) >= 48
-    rows = [row("level", 0.2), row("real", np.where(last, 30.0, 0.7), last), row("ahrs-0.5", 0.25)]
+def test_mirror_locked_runs_count_as_locks_and_not_in_the_share_of_errors_removed() -> None:
+    last_quarter = np.arange(64) >= 48
+    rows = [
+        row("level", 0.2),
+        row("real", np.where(last_quarter, 30.0, 0.7), last_quarter),
+        row("ahrs-0.5", 0.25),
+    ]
     (excess,) = paired(rows)
     assert excess.added == pytest.approx(0.25 * 29.8 + 0.75 * 0.5)
-    assert share(excess, AHRS) == pytest.approx(0.9)
+    assert share_removed(excess, AHRS) == pytest.approx(0.9)
     assert np.mean(added([excess], REAL, question="mirror_lock")) == 0.25
     assert removed_in_all([excess], AHRS, "mirror_lock").value == 1.0
-    everybody = rows[1] | {"mirror_locked_run": np.full(64, True)}
-    (lost,) = paired([rows[0], everybody, rows[2]])
-    assert not lost.compared("error", AHRS)[2].any()
+    all_locked = rows[1] | {"mirror_locked_run": np.full(64, True)}
+    (locked_mission,) = paired([rows[0], all_locked, rows[2]])
+    assert not locked_mission.compared("error", AHRS)[2].any()
 
 
 def test_sums_weigh_missions_by_what_pitch_adds() -> None:
     jitter = 0.001 * np.cos(np.arange(64.0))
     small = mission(level=0.2, real=0.3 + jitter, attitude_0=0.25)
     large = mission(level=1.0, real=10.0 + jitter, attitude_0=1.9)
-    share = removed_in_all([small, large], EXACT)
-    assert share.value == pytest.approx(1 - (0.05 + 0.9) / (0.1 + 9.0), rel=1e-3)
-    assert share.low < share.value < share.high
+    removed = removed_in_all([small, large], EXACT)
+    assert removed.value == pytest.approx(1 - (0.05 + 0.9) / (0.1 + 9.0), rel=1e-3)
+    assert removed.low < removed.value < removed.high
     # mirror_locks: pitch adds 16 of 128 runs and the remedy keeps 4 of them
-    lost = [
+    missions_with_locks = [
         paired(
             [
                 row("level", 0.2),
@@ -123,7 +130,7 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
         )
         for n, k in ((16, 4), (0, 0))
     ]
-    actual = removed_in_all([m for one in lost for m in one], EXACT, "mirror_lock")
+    actual = removed_in_all(list(itertools.chain(*missions_with_locks)), EXACT, "mirror_lock")
     assert actual.value == pytest.approx(0.75)
     # a level leader has 8 of them too, of the 24 with pitch: pitch adds 16, and the remedy, with
     # 12, keeps 4
@@ -132,20 +139,21 @@ def test_sums_weigh_missions_by_what_pitch_adds() -> None:
     assert removed_in_all(both, EXACT, "mirror_lock").value == pytest.approx(0.75)
 
 
-def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -> None:
-    def flown(route: str, moved: float, error: float, **changes: Any) -> list[Record]:
-        given = {"route": route, "pitch_fix_error_m": moved} | changes
-        return [row("level", 0.2, **given), row("real", error, **given)]
+def test_missions_are_judged_by_the_closed_form_and_not_by_their_errors() -> None:
+    # a mission is judged if pitch moves its fix by at least 0.1 m
+    def rows(route: str, fix_error: float, error: float, **changes: Any) -> list[Record]:
+        labels = {"route": route, "pitch_fix_error_m": fix_error} | changes
+        return [row("level", 0.2, **labels), row("real", error, **labels)]
 
     missions = paired(
-        flown("T2", 0.11, 0.2)
-        + flown("T3", 0.09, 5.0)
-        + flown("T4", 0.5, 0.1, cause="waves")
-        + flown("T5", 0.5, 0.3, variant="laisn-3-2")
+        rows("T2", 0.11, 0.2)
+        + rows("T3", 0.09, 5.0)
+        + rows("T4", 0.5, 0.1, cause="waves")
+        + rows("T5", 0.5, 0.3, variant="laisn-3-2")
     )
 
-    def routes(**expected: Any) -> list[str]:
-        return [e.real["route"] for e in select(missions, **expected)]
+    def routes(**chosen_by: Any) -> list[str]:
+        return [mission.real["route"] for mission in select(missions, **chosen_by)]
 
     assert routes(variant="laisn-2", judged=True) == ["T2", "T4"]
     assert routes(variant="laisn-2", cause="waves", judged=True) == ["T4"]
@@ -154,7 +162,7 @@ def test_missions_are_chosen_by_the_closed_form_and_not_by_what_came_of_them() -
     assert routes(variant="laisn-3-2", cause="trim") == ["T5"]
 
 
-def test_what_is_open_is_flown_on_and_nothing_else() -> None:
+def test_arms_of_open_verdicts_get_further_runs_and_no_others() -> None:
     wobble = 0.05 * np.tile([1.0, -1.0], 192)
     arms = {
         "level": row("level", 0.2),
@@ -179,14 +187,14 @@ def test_what_is_open_is_flown_on_and_nothing_else() -> None:
         r["arm"]: (r["error_verdict"], r["mirror_lock_verdict"])
         for r in with_verdicts(settled, LOOKS)
     }
-    none = "no harm shown"
+    no_harm = "no harm shown"
     assert verdicts == {
         "level": ("", ""),
         "real": ("", ""),
         "level-0.5": ("", ""),
-        "attitude-0": ("met", none),
-        "ahrs-0.5": ("met", none),
-        "offset-0.5": ("missed", none),
+        "attitude-0": ("met", no_harm),
+        "ahrs-0.5": ("met", no_harm),
+        "offset-0.5": ("missed", no_harm),
     }
     (unjudged,) = paired(r | {"pitch_fix_error_m": 0.0} for r in longer.values())
     assert undecided(unjudged, LOOKS, 64) == []
@@ -200,13 +208,13 @@ def test_a_sensor_is_held_against_a_level_leader_with_the_same() -> None:
     assert excess.judge("error", READINGS, LOOKS, LEVEL_BROADCAST).verdict is RemedyVerdict.MET
 
 
-def test_remedies_that_free_captured_runs_are_distinguished() -> None:
-    some = np.arange(64) % 4 != 0
+def test_a_remedy_is_judged_by_the_mirror_locks_that_it_leaves() -> None:
+    three_in_four = np.arange(64) % 4 != 0
     rows = [
         row("level", 0.2),
-        row("real", 5.0, some),
+        row("real", 5.0, three_in_four),
         row("ahrs-0.5", 0.2),
-        row("offset-0.5", 4.0, some),
+        row("offset-0.5", 4.0, three_in_four),
     ]
     (excess,) = paired(rows)
     assert excess.judge("mirror_lock", AHRS, LOOKS).verdict is RemedyVerdict.MET
@@ -217,28 +225,28 @@ def test_open_questions_list_the_removed_part_and_the_runs_needed() -> None:
     """Of 40 mirror locks that pitch adds to 64 runs the remedy leaves 5, one more than the aim
     of 90 % allows.
     """
-    where = {"pitch_fix_error_m": 0.4}
+    labels = {"pitch_fix_error_m": 0.4}
     arms = [
-        row("level", 0.2, **where),
-        row("real", 0.7, np.arange(64) < 40, **where),
-        row("ahrs-0.5", 0.2, np.arange(64) < 5, **where),
+        row("level", 0.2, **labels),
+        row("real", 0.7, np.arange(64) < 40, **labels),
+        row("ahrs-0.5", 0.2, np.arange(64) < 5, **labels),
     ]
-    (one,) = paired(arms)
-    (open_,) = paired(with_verdicts(one, LOOKS))
+    (compared,) = paired(arms)
+    (open_,) = paired(with_verdicts(compared, LOOKS))
     assert [open_.arms["ahrs-0.5"][f"{question}_verdict"] for question in QUESTIONS] == [
         "met",
         "open",
     ]
-    assert share(open_, AHRS, "mirror_lock") == pytest.approx(1 - 5 / 40)
+    assert share_removed(open_, AHRS, "mirror_lock") == pytest.approx(1 - 5 / 40)
     assert open_.judge("mirror_lock", AHRS, LOOKS).needed > 384
 
 
 def test_rows_are_those_of_the_arms_and_open_ones_go_on() -> None:
     """Two missions, of which the second has an arm that is open after the first look."""
     rows, runs = [], []
-    for point, left in enumerate((0.2, 0.245)):
-        for arm, error in (("level", 0.2), ("real", 0.7), ("ahrs-0.5", left)):
-            each = error + (
+    for point, ahrs_error in enumerate((0.2, 0.245)):
+        for arm, error in (("level", 0.2), ("real", 0.7), ("ahrs-0.5", ahrs_error)):
+            error_of_run = error + (
                 0.05 * np.tile([1.0, -1.0], 32)
                 if arm == "ahrs-0.5" and point
                 else 0.0 * np.ones(64)
@@ -257,14 +265,16 @@ def test_rows_are_those_of_the_arms_and_open_ones_go_on() -> None:
                 "depth_offset_rms_m": 5.0,
             }
             rows.append(labels | mission | {"runs": 64, "e_p_mean_m": error, "variant": "laisn-2"})
-            runs.append((labels, {"e_p_mean_m": each, "mirror_locked": np.zeros(64, dtype=bool)}))
+            runs.append(
+                (labels, {"e_p_mean_m": error_of_run, "mirror_locked": np.zeros(64, dtype=bool)})
+            )
     outcomes: Any = SimpleNamespace(rows=rows, runs=runs)
-    made = rows_of(outcomes)
-    assert [row["arm"] for row in made] == 2 * ["level", "real", "ahrs-0.5"]
-    assert {(row["cause"], row["condition"], row["variant"]) for row in made} == {
+    rows_of_arms = rows_of(outcomes)
+    assert [row["arm"] for row in rows_of_arms] == 2 * ["level", "real", "ahrs-0.5"]
+    assert {(row["cause"], row["condition"], row["variant"]) for row in rows_of_arms} == {
         ("trim", "trim-4N", "laisn-2")
     }
-    assert [row["route"] for row in made] == 3 * ["T2"] + 3 * ["T3"]
+    assert [row["route"] for row in rows_of_arms] == 3 * ["T2"] + 3 * ["T3"]
     expected = {(1, f"{arm} laisn-2", 0): 384 for arm in ("level", "real", "ahrs-0.5")}
     assert further_runs({"missions": outcomes}, (64, 384)) == {"missions": expected}
     assert further_runs({"missions": outcomes}, (64,)) == {}
@@ -280,19 +290,24 @@ def test_the_closed_form_stays_on_the_axis_where_circles_do_not_meet() -> None:
 
 
 def test_facts_of_a_pitched_leader_are_those_of_its_motion() -> None:
-    """The leader pitched by a constant angle and level otherwise, a follower that stands off:
-    all is known.
-    """
+    """The leader has a constant pitch and no roll, and the facts follow from both positions."""
     pitch, scenario = np.deg2rad(-5.0), make_scenario(60.0)
-    flown = tilted(make_trajectory(scenario), pitch, 0.0)
-    (facts,) = facts_of(MotionSettings.of(scenario), flown)
-    apart = flown.position[:, 1] - flown.position[:, 0]
+    trajectory = tilted(make_trajectory(scenario), pitch, 0.0)
+    (facts,) = facts_of(MotionSettings.of(scenario), trajectory)
+    separation = trajectory.position[:, 1] - trajectory.position[:, 0]
     assert facts["leader_pitch_rms_deg"] == pytest.approx(5.0)
     assert facts["leader_pitch_max_deg"] == pytest.approx(5.0)
-    assert facts["depth_offset_rms_m"] == pytest.approx(np.sqrt(np.mean(apart[:, 2] ** 2)))
-    assert facts["range_mean_m"] == pytest.approx(np.mean(np.hypot(apart[:, 0], apart[:, 1])))
+    assert facts["depth_offset_rms_m"] == pytest.approx(np.sqrt(np.mean(separation[:, 2] ** 2)))
+    assert facts["range_mean_m"] == pytest.approx(
+        np.mean(np.hypot(separation[:, 0], separation[:, 1]))
+    )
     # a fix each second; bearings from the heading by hand
-    sent = np.arange(10, flown.time.size, 10)
-    off = np.arctan2(apart[sent, 0], apart[sent, 1]) - flown.heading[sent, 0]
-    moved = pitch_fix_error(pitch, -apart[sent, 2], np.hypot(*apart[sent, :2].T), off)
-    assert facts["pitch_fix_error_m"] == pytest.approx(moved.mean(), rel=1e-9)
+    sent_step = np.arange(10, trajectory.time.size, 10)
+    relative_bearing = (
+        np.arctan2(separation[sent_step, 0], separation[sent_step, 1])
+        - trajectory.heading[sent_step, 0]
+    )
+    fix_error = pitch_fix_error(
+        pitch, -separation[sent_step, 2], np.hypot(*separation[sent_step, :2].T), relative_bearing
+    )
+    assert facts["pitch_fix_error_m"] == pytest.approx(fix_error.mean(), rel=1e-9)
