@@ -1,5 +1,5 @@
-"""The face for Python: light to import, one name for a thing as in the files, the same numbers
-as the command's.
+"""The Python interface: light to import, with the names of the files and the numbers of the
+command.
 """
 
 import os
@@ -45,7 +45,7 @@ def python(code: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_importing_it_costs_nothing(tmp_path: Path) -> None:
+def test_importing_laisn_sim_loads_no_heavy_module(tmp_path: Path) -> None:
     heavy = (
         "{'numpy', 'pydantic', 'typer', 'mujoco', 'typing', 'pathlib', 'experiments', 'sim', "
         "'laisn'}"
@@ -57,7 +57,7 @@ def test_importing_it_costs_nothing(tmp_path: Path) -> None:
     assert python(code, tmp_path).stdout == "set()\n"
 
 
-def test_every_name_is_there_explained_and_typed() -> None:
+def test_every_public_name_has_a_docstring_and_packages_are_typed() -> None:
     for name in (
         *laisn_sim.__all__,
         "Flight",
@@ -79,7 +79,7 @@ def test_help_is_a_few_screens() -> None:
     assert 24 < len(pydoc.render_doc(laisn_sim).splitlines()) < 200
 
 
-def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
+def test_a_foreign_package_of_the_name_sim_is_reported(tmp_path: Path) -> None:
     (tmp_path / "sim").mkdir()
     (tmp_path / "sim" / "__init__.py").write_text("")
     output = python("import laisn_sim; laisn_sim.load('T5')", tmp_path).stderr
@@ -89,10 +89,10 @@ def test_a_package_of_the_same_name_is_named(tmp_path: Path) -> None:
 
 def test_errors_are_distances_of_the_columns(flight: laisn_sim.Flight) -> None:
     table = laisn_sim.errors(flight)
-    apart = np.hypot(
+    distance = np.hypot(
         table["estimate_east_m"] - table["east_m"], table["estimate_north_m"] - table["north_m"]
     )
-    np.testing.assert_allclose(table["e_p_m"], apart, rtol=1e-12)
+    np.testing.assert_allclose(table["e_p_m"], distance, rtol=1e-12)
     assert table["e_p_m"].mean() == pytest.approx(
         laisn_sim.summary(flight)["e_p_mean_m"], rel=1e-12
     )
@@ -100,11 +100,13 @@ def test_errors_are_distances_of_the_columns(flight: laisn_sim.Flight) -> None:
     # T5 begins level at its depth, astern
     assert table["depth_m"][0] == pytest.approx(12.0, abs=0.3)
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
-    away = np.column_stack([table["east_m"], table["north_m"]]) - leader
-    np.testing.assert_allclose(table["distance_m"], np.hypot(*away.T), rtol=1e-12)
+    from_leader = np.column_stack([table["east_m"], table["north_m"]]) - leader
+    np.testing.assert_allclose(table["distance_m"], np.hypot(*from_leader.T), rtol=1e-12)
     bearing = np.radians(table["bearing_deg"]) + flight.trajectory.heading[flight.step_index(), 0]
-    along = np.column_stack([np.sin(bearing), np.cos(bearing)])
-    np.testing.assert_allclose(away, table["distance_m"][:, None] * along, rtol=0, atol=1e-9)
+    direction = np.column_stack([np.sin(bearing), np.cos(bearing)])
+    np.testing.assert_allclose(
+        from_leader, table["distance_m"][:, None] * direction, rtol=0, atol=1e-9
+    )
 
 
 def test_another_variant_is_navigated_as_it_would_have_been_flown(flight: laisn_sim.Flight) -> None:
@@ -122,11 +124,11 @@ def test_another_variant_is_navigated_as_it_would_have_been_flown(flight: laisn_
 def test_a_user_navigator_is_called(flight: laisn_sim.Flight) -> None:
     calls = []
 
-    def mine(settings, start):
+    def user_navigator(settings, start):
         calls.append((settings.variant, start[:2]))
         return laisn_sim.Navigator(settings, start)
 
-    again = laisn_sim.navigate(flight, navigator=mine)
+    again = laisn_sim.navigate(flight, navigator=user_navigator)
     ((variant, start),) = calls
     assert variant == "laisn-2"
     np.testing.assert_array_equal(start, flight.trajectory.site_path("follower/hydrophone")[0, :2])
@@ -148,11 +150,11 @@ def test_truth_and_measurements_are_tables(flight: laisn_sim.Flight) -> None:
         measured["leader_time_s"][received], flight.measurements[0].message[:, 0]
     )
     assert np.isnan(measured["leader_pitch_deg"]).all()
-    radius = np.hypot(
+    distance = np.hypot(
         measured["leader_east_m"] - truth["east_m"][follower][1:],
         measured["leader_north_m"] - truth["north_m"][follower][1:],
     )[received]
-    assert np.abs(measured["range_middle_m"][received] - radius).max() < 1.0
+    assert np.abs(measured["range_middle_m"][received] - distance).max() < 1.0
 
 
 def test_records_of_arrays_print_shapes(flight: laisn_sim.Flight) -> None:
@@ -163,7 +165,7 @@ def test_records_of_arrays_print_shapes(flight: laisn_sim.Flight) -> None:
     )
 
 
-def test_values_of_numpy_tuples_and_ranges_are_values() -> None:
+def test_numpy_values_tuples_and_ranges_are_taken_as_numbers_and_lists() -> None:
     scenario = laisn_sim.load(
         "T5", {"duration_s": np.int64(20), "acoustics.range_tau_m": np.full(3, 0.1), "run": 3}
     )
@@ -225,7 +227,7 @@ def test_a_log_gives_the_flight_again(flight: laisn_sim.Flight, tmp_path: Path) 
     assert again.estimates[0].state.tobytes() == flight.estimates[0].state.tobytes()
 
 
-FILE = """
+SCENARIO = """
 duration_s = 20
 name = "two"
 [[followers]]
@@ -244,23 +246,23 @@ kind = "jonswap"
 
 
 def test_a_scenario_takes_what_a_file_may_hold() -> None:
-    table = tomllib.loads(FILE)
-    made = laisn_sim.Scenario(**table)
-    assert made == validate(table, "file") == laisn_sim.load(table)
-    assert [f.name for f in made.followers] == ["follower-1", "follower-2"]
+    table = tomllib.loads(SCENARIO)
+    scenario = laisn_sim.Scenario(**table)
+    assert scenario == validate(table, "file") == laisn_sim.load(table)
+    assert [f.name for f in scenario.followers] == ["follower-1", "follower-2"]
     assert laisn_sim.Scenario(followers=[{"route": "T3"}]).name == "mission"
     with pytest.raises(ValidationError, match=r"followers\n.*at least 1 item"):
         laisn_sim.Scenario(followers=[])
-    for wrong in ({"depth_m": "deep"}, {"rute": "T3"}, {"waypoints": [[0, 0], [20, 20, 0]]}):
-        with pytest.raises(ValueError, match=f"followers.0.{next(iter(wrong))}"):
-            laisn_sim.Scenario(followers=[{"route": "T3"} | wrong])
+    for invalid in ({"depth_m": "deep"}, {"rute": "T3"}, {"waypoints": [[0, 0], [20, 20, 0]]}):
+        with pytest.raises(ValueError, match=f"followers.0.{next(iter(invalid))}"):
+            laisn_sim.Scenario(followers=[{"route": "T3"} | invalid])
 
 
-def test_a_scenario_file_holds_only_differences_from_the_defaults() -> None:
+def test_the_repr_of_a_scenario_holds_only_differences_from_the_defaults() -> None:
     import sim.scenario.settings
 
-    made = laisn_sim.Scenario(**tomllib.loads(FILE))
-    assert eval(repr(made), vars(sim.scenario.settings)) == made
+    scenario = laisn_sim.Scenario(**tomllib.loads(SCENARIO))
+    assert eval(repr(scenario), vars(sim.scenario.settings)) == scenario
     assert repr(laisn_sim.load("T3")) == "Scenario(name='T3', followers=(Follower(route='T3'),))"
 
 
@@ -285,14 +287,14 @@ def test_a_flight_is_drawn_with_its_estimates_and_errors(flight: laisn_sim.Fligh
 
 def test_a_flight_writes_its_report(flight: laisn_sim.Flight, tmp_path: Path) -> None:
     again = laisn_sim.navigate(flight, {"navigation.variant": "laisn-3-2"})
-    for one, name in ((flight, "a.html"), (again, "b.html")):
-        path = one.report(tmp_path / name)
+    for written, name in ((flight, "a.html"), (again, "b.html")):
+        path = written.report(tmp_path / name)
         assert path == tmp_path / name
-        mean = laisn_sim.errors(one)["e_p_m"].mean()
+        mean = laisn_sim.errors(written)["e_p_m"].mean()
         assert f"The mean position error is {mean:.2f}" in path.read_text(encoding="utf-8")
 
 
-def test_what_is_printed_is_short_and_html_in_notebooks(flight: laisn_sim.Flight) -> None:
+def test_representations_are_short_and_html_in_notebooks(flight: laisn_sim.Flight) -> None:
     assert repr(flight) == "<Flight 'T5': 20 s, followers: 1, laisn-2, completed>"
     mean = laisn_sim.errors(flight)["e_p_m"].mean()
     assert f"<td>{mean:.2f} m</td>" in flight._repr_html_()
@@ -319,28 +321,35 @@ def test_a_study_by_keywords_is_that_of_a_file(tmp_path: Path) -> None:
         "vary": {"followers.0.depth_m": [10, 15]},
         "runs": 2,
     }
-    a = laisn_sim.study(file, out=tmp_path / "a", workers=1)
+    from_file = laisn_sim.study(file, out=tmp_path / "a", workers=1)
     keys = {"vary": file["vary"], "set": file["set"], "runs": 2}
-    b = laisn_sim.study("T5", out=tmp_path / "b", workers=1, **keys)
-    assert a.table.arrow == b.table.arrow == pq.read_table(tmp_path / "a" / RESULTS)
-    assert a.runs.arrow == pq.read_table(tmp_path / "a" / RUNS)
-    # records hold six digits
-    assert a.findings["e_p_mean_m: point 0, arm all, follower"].value == float(
-        f"{a.table['e_p_mean_m'][0]:.6g}"
+    from_keywords = laisn_sim.study("T5", out=tmp_path / "b", workers=1, **keys)
+    assert (
+        from_file.table.arrow
+        == from_keywords.table.arrow
+        == pq.read_table(tmp_path / "a" / RESULTS)
     )
-    assert laisn_sim.StudyFolder(tmp_path / "a").table.arrow == a.table.arrow
-    (line,) = a.plot("followers.0.depth_m").data
-    np.testing.assert_allclose(line.x, a.table["followers.0.depth_m"])
-    np.testing.assert_allclose(line.y, a.table["e_p_mean_m"], rtol=1e-4)
+    assert from_file.runs.arrow == pq.read_table(tmp_path / "a" / RUNS)
+    # records hold six digits
+    assert from_file.findings["e_p_mean_m: point 0, arm all, follower"].value == float(
+        f"{from_file.table['e_p_mean_m'][0]:.6g}"
+    )
+    assert laisn_sim.StudyFolder(tmp_path / "a").table.arrow == from_file.table.arrow
+    (line,) = from_file.plot("followers.0.depth_m").data
+    np.testing.assert_allclose(line.x, from_file.table["followers.0.depth_m"])
+    np.testing.assert_allclose(line.y, from_file.table["e_p_mean_m"], rtol=1e-4)
     with pytest.raises(laisn_sim.LaisnError, match="unknown column 'speed'"):
-        a.plot("speed")
-    assert a.report().is_file()
+        from_file.plot("speed")
+    assert from_file.report().is_file()
     if find_spec("pandas"):
-        assert list(a.table.to_pandas()["e_p_mean_m"]) == a.table["e_p_mean_m"].tolist()
+        assert (
+            list(from_file.table.to_pandas()["e_p_mean_m"])
+            == from_file.table["e_p_mean_m"].tolist()
+        )
     else:
         with pytest.raises(laisn_sim.LaisnError, match="pip install pandas"):
-            a.table.to_pandas()
-    assert str(a.report()) in a._repr_html_()
+            from_file.table.to_pandas()
+    assert str(from_file.report()) in from_file._repr_html_()
     with pytest.raises(laisn_sim.LaisnError, match="holds no results of a study"):
         laisn_sim.StudyFolder(tmp_path / "c")
 

@@ -27,7 +27,7 @@ from tests import browser
 from tests.reports.test_scene import arrays_of, inflated, read_array
 from tests.synthetic import make_flight
 
-LISTENS = "0A"  # state of a socket in /proc/net/tcp
+LISTEN_STATE = "0A"  # state of a socket in /proc/net/tcp
 FOXGLOVE = Subprotocol("foxglove.sdk.v1")
 SHORT = {"duration_s": 30.0}
 
@@ -46,53 +46,53 @@ def port_of(view: LiveView) -> int:
     return int(view.address.rstrip("/").rpartition(":")[2])
 
 
-def asked(view: LiveView, method: str, path: str, body: str = "", **headers: str) -> int:
+def status_of(view: LiveView, method: str, path: str, body: str = "", **headers: str) -> int:
     """The status that a request gets."""
     connection = HTTPConnection("127.0.0.1", port_of(view), timeout=20)
     connection.request(method, path, body or None, headers)
     return connection.getresponse().status
 
 
-def listening(port: int) -> list[str]:
+def listening_addresses(port: int) -> list[str]:
     """Addresses in hexadecimal that a port is listened to on."""
-    rows = []
+    sockets = []
     for table in ("tcp", "tcp6"):
         path = Path("/proc/net") / table
         if path.exists():
-            rows += [line.split() for line in path.read_text().splitlines()[1:]]
-    ends = [row[1].split(":") for row in rows if row[3] == LISTENS]
-    return [address for address, number in ends if int(number, 16) == port]
+            sockets += [line.split() for line in path.read_text().splitlines()[1:]]
+    address_and_port = [fields[1].split(":") for fields in sockets if fields[3] == LISTEN_STATE]
+    return [address for address, number in address_and_port if int(number, 16) == port]
 
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table of sockets")
 def test_only_this_machine_is_listened_to(view: LiveView) -> None:
     loopback = f"{int.from_bytes(socket.inet_aton('127.0.0.1'), 'little'):08X}"
-    assert listening(port_of(view)) == [loopback]
+    assert listening_addresses(port_of(view)) == [loopback]
 
 
 def test_pages_of_other_sites_are_refused(view: LiveView) -> None:
     port = port_of(view)
-    assert asked(view, "GET", "/") == 200
-    assert asked(view, "GET", "/", Host=f"localhost:{port}") == 200
-    assert asked(view, "GET", "/", Host="localhost:8000") == 200  # through a tunnel
-    assert asked(view, "GET", "/", Host="attacker.example") == 403
+    assert status_of(view, "GET", "/") == 200
+    assert status_of(view, "GET", "/", Host=f"localhost:{port}") == 200
+    assert status_of(view, "GET", "/", Host="localhost:8000") == 200  # through a tunnel
+    assert status_of(view, "GET", "/", Host="attacker.example") == 403
     pause = json.dumps({"paused": True})
     for origin in ("http://attacker.example", "http://localhost:3000", "null"):
-        assert asked(view, "POST", "/control", pause, Origin=origin) == 403
+        assert status_of(view, "POST", "/control", pause, Origin=origin) == 403
     assert not view.paused
-    assert asked(view, "POST", "/control", pause, Origin=f"http://127.0.0.1:{port}") == 204
+    assert status_of(view, "POST", "/control", pause, Origin=f"http://127.0.0.1:{port}") == 204
     assert view.paused
 
 
 @pytest.mark.parametrize("body", ['{"speed": -1}', '{"paused": 3}', "[", "7", '{"speed": "a"}'])
-def test_a_request_that_is_none_is_refused(view: LiveView, body: str) -> None:
-    assert asked(view, "POST", "/control", body) == 400
+def test_an_invalid_control_request_is_refused(view: LiveView, body: str) -> None:
+    assert status_of(view, "POST", "/control", body) == 400
     assert math.isinf(view.speed)
     assert not view.paused
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, "fast"])
-def test_a_speed_that_is_none_is_refused(speed: Any) -> None:
+def test_an_invalid_speed_is_refused(speed: Any) -> None:
     with pytest.raises(LaisnError, match="expected a speed above 0"):
         LiveView(speed)
 
@@ -116,20 +116,20 @@ def test_the_parts_of_a_page_are_the_scene_of_the_flight(monkeypatch: pytest.Mon
         while not simulation.done:
             simulation.step(5.0)
         assert simulation.live is not None
-        first = simulation.live.page.decode()
+        page = simulation.live.page.decode()
         messages = [json.loads(text) for text in simulation.live.messages]
         flight = simulation.flight()
-    whole = scene_of_flight(flight)
-    data = first.partition('id="scene-data">')[2].partition("<")[0]
-    meta = json.loads(first.partition('id="scene-meta">')[2].partition("</script>")[0])
+    expected_scene = scene_of_flight(flight)
+    data = page.partition('id="scene-data">')[2].partition("<")[0]
+    meta = json.loads(page.partition('id="scene-meta">')[2].partition("</script>")[0])
     parts = [(meta["arrays"], inflated(data))]
     parts += [(m["arrays"], inflated(m["data"])) for m in messages if "arrays" in m]
     assert len(parts) >= 3
-    for name, expected in arrays_of(whole).items():
-        held = [read_array(content, table[name]) for table, content in parts if name in table]
-        np.testing.assert_array_equal(np.concatenate(held), expected, err_msg=name)
+    for name, expected in arrays_of(expected_scene).items():
+        received = [read_array(content, table[name]) for table, content in parts if name in table]
+        np.testing.assert_array_equal(np.concatenate(received), expected, err_msg=name)
     assert meta["planned"] == 30.0
-    assert messages[-1]["events"] == whole.meta["events"]
+    assert messages[-1]["events"] == expected_scene.meta["events"]
     assert "flown to its end" in messages[-1]["over"]
 
 
@@ -145,8 +145,8 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
         while not simulation.done and not view.is_over:
             simulation.step(1.0)
 
-    flying = threading.Thread(target=fly, daemon=True)
-    flying.start()
+    flying_thread = threading.Thread(target=fly, daemon=True)
+    flying_thread.start()
     with browser.chromium(width=800) as page:
         with view.changed:
             assert view.changed.wait_for(lambda: bool(view.page), 60)
@@ -157,10 +157,10 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
         page.run("document.getElementById('scene-play').click()")
         page.wait("!replay.state.playing")
         paused = simulation.time
-        flying.join(1.0)
+        flying_thread.join(1.0)
         assert simulation.time <= paused + view.span + 1.0
         at_rest = simulation.time
-        flying.join(0.5)
+        flying_thread.join(0.5)
         assert simulation.time == at_rest
         truth = float(simulation.truth["leader"].position[0])
         page.wait(f"Math.abs({east} - {truth}) < 6")  # of the last picture, 4 s at most before
@@ -171,7 +171,7 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
         assert page.problems == []
         view.close()
         page.wait("replay.live.over")
-    flying.join(20)
+    flying_thread.join(20)
 
 
 def test_a_page_is_told_of_pauses_and_of_another_mission(view: LiveView) -> None:
@@ -180,16 +180,16 @@ def test_a_page_is_told_of_pauses_and_of_another_mission(view: LiveView) -> None
     reply = connection.getresponse()
     assert reply.headers["Content-Type"].startswith("text/event-stream")
 
-    def told() -> dict[str, Any]:
+    def next_event() -> dict[str, Any]:
         while not (line := reply.readline()).startswith(b"data: "):
             assert line, "the stream ended"
         return dict(json.loads(line.removeprefix(b"data: ")))
 
-    assert told() == {"paused": False, "speed": 0.0}  # as fast as possible
+    assert next_event() == {"paused": False, "speed": 0.0}  # as fast as possible
     view.control(True, 5.0)
-    assert told() == {"paused": True, "speed": 5.0}
+    assert next_event() == {"paused": True, "speed": 5.0}
     view.begin(MissionPlan.of(make_flight(10.0).scenario))
-    assert told() == {"anew": True}
+    assert next_event() == {"anew": True}
     assert not reply.read().strip()
 
 
@@ -202,13 +202,13 @@ def test_a_view_feeds_foxglove_beside_its_page() -> None:
         view.show(flight)
         topics = set[str]()
         while "/leader/pose" not in topics:
-            told = json.loads(socket.recv(timeout=20))
-            topics |= {channel["topic"] for channel in told.get("channels", ())}
+            message = json.loads(socket.recv(timeout=20))
+            topics |= {channel["topic"] for channel in message.get("channels", ())}
     assert b"scene-view" in view.page
     view.close()
 
 
-def test_points_cannot_be_shown_live(tmp_path: Path) -> None:
+def test_kinematic_motion_cannot_be_shown_live(tmp_path: Path) -> None:
     arguments = ["fly", "T5", "--live", "--set", "motion=kinematic", "--out", str(tmp_path / "o")]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code != 0
@@ -217,18 +217,20 @@ def test_points_cannot_be_shown_live(tmp_path: Path) -> None:
 
 
 @pytest.mark.system
-def test_a_live_flight_is_that_of_a_flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_live_flight_has_the_summary_of_a_flight_that_is_not_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened: list[str] = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
     monkeypatch.setenv("DISPLAY", ":7")
     monkeypatch.setattr(flying, "_PATIENCE_S", 0.1)
     monkeypatch.setattr("laisn_sim.live.USUAL_SPEED", math.inf)
-    files = []
+    summaries = []
     for name, options in (("live", ["--live"]), ("plain", [])):
         arguments = ["fly", "T5", "--set", "duration_s=30", "--no-video", *options]
         result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / name)])
         assert result.exit_code == 0, result.output
-        files.append(json.loads((tmp_path / name / "summary.json").read_text()))
-    assert files[0] == files[1]
+        summaries.append(json.loads((tmp_path / name / "summary.json").read_text()))
+    assert summaries[0] == summaries[1]
     (address,) = opened
     assert address.startswith("http://127.0.0.1:")

@@ -1,5 +1,5 @@
-"""Missions that are stepped from outside, and what a flight shows of followers that steer
-themselves.
+"""Missions that are stepped from outside, and flights whose followers steer by their own
+estimates.
 """
 
 from dataclasses import dataclass, fields
@@ -19,14 +19,14 @@ STATIONS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
     {"name": "astern", "station": {"behind_m": 16.0, "port_m": 0.0, "depth_m": 11.0}},
 ]
-OPEN = {
+OPEN_LOOP = {
     "name": "open",
     "duration_s": 20.0,
     "navigation": {"variant": "tight"},
     "acoustics": {"loss_probability": 0.2, "travel_time": True},
     "followers": [{"route": "T5"}],
 }
-CLOSED = {
+CLOSED_LOOP = {
     "name": "closed",
     "duration_s": 20.0,
     "navigation": {"variant": "laisn-3-2"},
@@ -38,19 +38,21 @@ CLOSED = {
 
 def require_same_bits(actual: FlightRecord, expected: FlightRecord) -> None:
     """All arrays of two flights are equal."""
-    parts = [(actual.trajectory, expected.trajectory)]
-    parts += zip(actual.measurements, expected.measurements, strict=True)
-    parts += zip(actual.estimates, expected.estimates, strict=True)
-    for one, other in parts:
-        assert type(one) is type(other)
-        for field in fields(other):
-            value = getattr(other, field.name)
-            if isinstance(value, np.ndarray):
-                np.testing.assert_array_equal(getattr(one, field.name), value, field.name)
+    pairs = [(actual.trajectory, expected.trajectory)]
+    pairs += zip(actual.measurements, expected.measurements, strict=True)
+    pairs += zip(actual.estimates, expected.estimates, strict=True)
+    for actual_record, expected_record in pairs:
+        assert type(actual_record) is type(expected_record)
+        for field in fields(expected_record):
+            expected_value = getattr(expected_record, field.name)
+            if isinstance(expected_value, np.ndarray):
+                np.testing.assert_array_equal(
+                    getattr(actual_record, field.name), expected_value, field.name
+                )
     assert actual.outcome is expected.outcome
 
 
-@pytest.mark.parametrize("table", [OPEN, CLOSED], ids=["open loop", "closed loop"])
+@pytest.mark.parametrize("table", [OPEN_LOOP, CLOSED_LOOP], ids=["open loop", "closed loop"])
 def test_steps_of_any_length_give_the_flight_of_one_go(table: dict[str, Any]) -> None:
     sim = Simulation(table)
     assert sim.time == 0.0
@@ -65,42 +67,44 @@ def test_steps_of_any_length_give_the_flight_of_one_go(table: dict[str, Any]) ->
 
 
 def test_a_flight_until_now_is_the_beginning_of_the_whole_one() -> None:
-    sim = Simulation(OPEN).step(12.0)
-    begun = sim.flight()
-    assert begun.outcome is Termination.INTERRUPTED
+    sim = Simulation(OPEN_LOOP).step(12.0)
+    beginning = sim.flight()
+    assert beginning.outcome is Termination.INTERRUPTED
     whole = sim.step(8.0).flight()
-    assert begun.trajectory.time[-1] == pytest.approx(12.0)
-    np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:121])
-    np.testing.assert_array_equal(begun.estimates[0].state, whole.estimates[0].state[:120])
-    np.testing.assert_array_equal(begun.measurements[0].speed, whole.measurements[0].speed[:120])
+    assert beginning.trajectory.time[-1] == pytest.approx(12.0)
+    np.testing.assert_array_equal(beginning.trajectory.pose, whole.trajectory.pose[:121])
+    np.testing.assert_array_equal(beginning.estimates[0].state, whole.estimates[0].state[:120])
+    np.testing.assert_array_equal(
+        beginning.measurements[0].speed, whole.measurements[0].speed[:120]
+    )
     before = whole.measurements[0].message_step <= 120
     np.testing.assert_array_equal(
-        begun.measurements[0].message, whole.measurements[0].message[before]
+        beginning.measurements[0].message, whole.measurements[0].message[before]
     )
-    assert (begun.estimates[0].fix_step <= 120).all()
+    assert (beginning.estimates[0].fix_step <= 120).all()
 
 
-def test_what_is_seen_under_way_is_what_the_flight_holds() -> None:
-    sim = Simulation(CLOSED)
+def test_truth_readings_and_estimates_of_each_step_are_those_of_the_flight() -> None:
+    sim = Simulation(CLOSED_LOOP)
     names = ("port", "astern")
-    seen = []
+    snapshots = []
     while not sim.done:
         sim.step()
-        seen.append((sim.truth, sim.readings, sim.receptions, sim.estimates))
+        snapshots.append((sim.truth, sim.readings, sim.receptions, sim.estimates))
     flight = sim.flight()
     for i, name in enumerate(names):
         measured = flight.measurements[i]
-        read = [readings[name] for _, readings, _, _ in seen]
-        np.testing.assert_array_equal([r.speed for r in read], measured.speed)
-        np.testing.assert_array_equal([r.depth for r in read], measured.depth)
-        received = [receptions[name] for _, _, receptions, _ in seen]
+        readings_of_follower = [readings[name] for _, readings, _, _ in snapshots]
+        np.testing.assert_array_equal([r.speed for r in readings_of_follower], measured.speed)
+        np.testing.assert_array_equal([r.depth for r in readings_of_follower], measured.depth)
+        received = [receptions[name] for _, _, receptions, _ in snapshots]
         steps = [k for k, reception in enumerate(received, start=1) if reception is not None]
         assert steps == measured.message_step.tolist()
         np.testing.assert_array_equal([r.ranges for r in received if r], measured.ranges)
-        believed = [(e[name].east, e[name].north) for _, _, _, e in seen]
-        np.testing.assert_array_equal(believed, flight.estimates[i].state[:, :2])
+        estimated = [(e[name].east, e[name].north) for _, _, _, e in snapshots]
+        np.testing.assert_array_equal(estimated, flight.estimates[i].state[:, :2])
     for v, name in enumerate(("leader", *names)):
-        truth = [states[name] for states, _, _, _ in seen]
+        truth = [states[name] for states, _, _, _ in snapshots]
         motion = flight.trajectory
         np.testing.assert_array_equal([t.position for t in truth], motion.position[1:, v])
         np.testing.assert_allclose([t.heading for t in truth], motion.heading[1:, v], atol=1e-12)
@@ -109,7 +113,7 @@ def test_what_is_seen_under_way_is_what_the_flight_holds() -> None:
 
 def test_a_leader_that_is_commanded_turns_and_its_followers_go_with_it() -> None:
     """Northwards and deeper, by a command from outside; then it goes back to its route."""
-    sim = Simulation({**CLOSED, "duration_s": 160.0}).step(10.0)
+    sim = Simulation({**CLOSED_LOOP, "duration_s": 160.0}).step(10.0)
     sim.command("leader", (0.0, 0.9, 6.0))
     sim.step(80.0)
     leader = sim.truth["leader"]
@@ -118,8 +122,8 @@ def test_a_leader_that_is_commanded_turns_and_its_followers_go_with_it() -> None
     assert np.linalg.norm(leader.velocity) == pytest.approx(0.9, abs=0.05)
     follower = sim.truth["astern"]
     assert follower.position[1] > 20.0
-    off = leader.position[:2] - follower.position[:2]
-    assert off == pytest.approx([0.0, 16.0], abs=3.0)
+    separation = leader.position[:2] - follower.position[:2]
+    assert separation == pytest.approx([0.0, 16.0], abs=3.0)
     assert leader.position[1] > 50.0
     sim.command("leader", None)
     sim.step(70.0)
@@ -129,13 +133,13 @@ def test_a_leader_that_is_commanded_turns_and_its_followers_go_with_it() -> None
     assert leader.position[0] > 30.0
 
 
-def test_a_wrench_and_states_of_effectors_are_given_as_they_are() -> None:
-    sim = Simulation(OPEN)
+def test_commanded_wrenches_and_states_of_effectors_are_applied() -> None:
+    sim = Simulation(OPEN_LOOP)
     sim.command("follower", Wrench(surge=5.0))
     sim.step(10.0)
-    flight = sim.flight().trajectory
-    pushed = flight.effector_states[100, 1] @ flight.effector_force[1]
-    assert pushed[0] == pytest.approx(5.0, rel=0.02)
+    trajectory = sim.flight().trajectory
+    force = trajectory.effector_states[100, 1] @ trajectory.effector_force[1]
+    assert force[0] == pytest.approx(5.0, rel=0.02)
     effectors = sim.truth["follower"].effectors
     sim.command("follower", np.zeros_like(effectors))
     sim.step(10.0)
@@ -151,19 +155,19 @@ def test_a_wrench_and_states_of_effectors_are_given_as_they_are() -> None:
         ("leader", np.zeros(99), "states of [0-9]+ effectors, all finite"),
     ],
 )
-def test_a_command_that_is_none_is_refused(vehicle: str, command: Any, message: str) -> None:
+def test_an_invalid_command_is_refused(vehicle: str, command: Any, message: str) -> None:
     with pytest.raises(LaisnError, match=message):
-        Simulation(OPEN).command(vehicle, command)
+        Simulation(OPEN_LOOP).command(vehicle, command)
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, 0.25, np.inf, np.nan])
-def test_a_duration_is_a_number_of_control_steps(duration: float) -> None:
+def test_a_duration_that_is_no_multiple_of_the_control_step_is_refused(duration: float) -> None:
     with pytest.raises(LaisnError, match=r"expected a positive multiple of 0\.1 s"):
-        Simulation(OPEN).step(duration)
+        Simulation(OPEN_LOOP).step(duration)
 
 
 def test_a_mission_that_is_over_is_not_stepped() -> None:
-    sim = Simulation(OPEN)
+    sim = Simulation(OPEN_LOOP)
     with pytest.raises(LaisnError, match="there is no flight yet"):
         sim.flight()
     sim.step(1e6)
@@ -173,21 +177,21 @@ def test_a_mission_that_is_over_is_not_stepped() -> None:
 
 
 def test_a_reset_gives_the_same_bits_or_the_noise_of_another_run() -> None:
-    sim = Simulation(CLOSED).step(5.0)
+    sim = Simulation(CLOSED_LOOP).step(5.0)
     first = sim.flight()
     sim.command("leader", (0.0, 0.5, 3.0))
     again = sim.reset().step(5.0).flight()
     require_same_bits(again, first)
-    other = sim.reset(run=3).step(5.0).flight()
-    assert other.scenario.run == 3
-    assert not np.array_equal(other.measurements[0].speed, first.measurements[0].speed)
-    np.testing.assert_array_equal(other.trajectory.pose[0], first.trajectory.pose[0])
+    other_run = sim.reset(run=3).step(5.0).flight()
+    assert other_run.scenario.run == 3
+    assert not np.array_equal(other_run.measurements[0].speed, first.measurements[0].speed)
+    np.testing.assert_array_equal(other_run.trajectory.pose[0], first.trajectory.pose[0])
 
 
 class Shaky:
     """Dead reckoning with random numbers of its own: a second run gives other estimates."""
 
-    made: ClassVar[list[Any]] = []
+    instances: ClassVar[list[Any]] = []
     generator: ClassVar[np.random.Generator] = np.random.default_rng(5)
 
     def __init__(self, settings: Any, start: Floats) -> None:
@@ -195,7 +199,7 @@ class Shaky:
         self.state = np.array(start, dtype=np.float64)
         self.covariance = np.eye(4)
         self.steps: list[Floats] = []
-        self.made.append(self)
+        self.instances.append(self)
 
     def step(self, own: Any, reception: Any, dt: Any = None) -> None:
         sine, cosine = np.sin(own.heading), np.cos(own.heading)
@@ -206,10 +210,10 @@ class Shaky:
 
 def test_a_navigator_with_random_numbers_is_reported_as_it_steered() -> None:
     """And it runs once: as many navigators as followers, and as many steps as filter steps."""
-    Shaky.made.clear()
-    flight = laisn_sim.fly(CLOSED, navigator=Shaky)
-    assert [len(navigator.steps) for navigator in Shaky.made] == [200, 200]
-    for navigator, estimates in zip(Shaky.made, flight.estimates, strict=True):
+    Shaky.instances.clear()
+    flight = laisn_sim.fly(CLOSED_LOOP, navigator=Shaky)
+    assert [len(navigator.steps) for navigator in Shaky.instances] == [200, 200]
+    for navigator, estimates in zip(Shaky.instances, flight.estimates, strict=True):
         np.testing.assert_array_equal(estimates.state, navigator.steps)
 
 
@@ -221,12 +225,14 @@ def test_a_factor_graph_in_a_closed_loop_runs_once(monkeypatch: pytest.MonkeyPat
     advance = FactorGraph._navigate
     advanced: list[FactorGraph] = []
 
-    def counted(graph: FactorGraph, *arguments: Any) -> Any:
+    def advance_and_note(graph: FactorGraph, *arguments: Any) -> Any:
         advanced.append(graph)
         return advance(graph, *arguments)
 
-    monkeypatch.setattr(FactorGraph, "_navigate", counted)
-    flight = laisn_sim.fly({**CLOSED, "duration_s": 5.0, "navigation": {"variant": "factor-graph"}})
+    monkeypatch.setattr(FactorGraph, "_navigate", advance_and_note)
+    flight = laisn_sim.fly(
+        {**CLOSED_LOOP, "duration_s": 5.0, "navigation": {"variant": "factor-graph"}}
+    )
     graphs = {id(graph): graph for graph in advanced}
     assert [advanced.count(graph) for graph in graphs.values()] == [50, 50]
     for graph, estimates in zip(graphs.values(), flight.estimates, strict=True):
@@ -234,7 +240,7 @@ def test_a_factor_graph_in_a_closed_loop_runs_once(monkeypatch: pytest.MonkeyPat
 
 
 def test_an_inverted_usbl_in_a_closed_loop_reads_what_it_logs() -> None:
-    sim = Simulation({**CLOSED, "navigation": {"variant": "inverted-usbl"}})
+    sim = Simulation({**CLOSED_LOOP, "navigation": {"variant": "inverted-usbl"}})
     read: dict[str, list[Any]] = {"port": [], "astern": []}
     while not sim.done:
         sim.step()
@@ -277,8 +283,8 @@ def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop(tmp_path: 
     from laisn.plugins import register
 
     sensors = {"custom": [{"sensor": register(Dvl), "sigma": 0.02}]}
-    table = {**CLOSED, "duration_s": 10.0, "sensors": sensors}
-    ByDvl.made.clear()
+    table = {**CLOSED_LOOP, "duration_s": 10.0, "sensors": sensors}
+    ByDvl.instances.clear()
     flight = laisn_sim.fly(table, navigator=ByDvl)
     for i, measured in enumerate(flight.measurements):
         dvl = measured.custom["dvl"]
@@ -287,7 +293,7 @@ def test_a_sensor_of_the_users_is_read_used_and_kept_in_a_closed_loop(tmp_path: 
         error = dvl[:, 0] - speed
         # the hull slips a little aside of its way
         assert error.std() == pytest.approx(0.02, rel=0.3)
-        np.testing.assert_array_equal(ByDvl.made[i].seen, dvl[-1])
+        np.testing.assert_array_equal(ByDvl.instances[i].seen, dvl[-1])
     read = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "dvl.mcap"))
     for measured, logged in zip(flight.measurements, read.measurements, strict=True):
         np.testing.assert_array_equal(logged.custom["dvl"], measured.custom["dvl"])
@@ -297,7 +303,9 @@ def test_observers_get_each_instant_once_in_order() -> None:
     """Joined, their blocks are the truth of the flight, however it was stepped and ended."""
     blocks = []
     starts = []
-    sim = Simulation(CLOSED, observers=[blocks.append, lambda block: starts.append(block.time[0])])
+    sim = Simulation(
+        CLOSED_LOOP, observers=[blocks.append, lambda block: starts.append(block.time[0])]
+    )
     sim.step()
     assert len(blocks) == 1
     assert blocks[0].time.tolist() == [0.0, 0.1]
@@ -327,7 +335,10 @@ def test_observers_get_each_instant_once_in_order() -> None:
 
 def test_the_last_block_ends_where_hulls_touch() -> None:
     """Two followers meet halfway; what was flown beyond, in the same step, is not shown."""
-    head_on = [{"waypoints": [[0, at, 100], [60, 60 - at, 100]], "depth_m": 12.0} for at in (0, 60)]
+    head_on = [
+        {"waypoints": [[0, start_north, 100], [60, 60 - start_north, 100]], "depth_m": 12.0}
+        for start_north in (0, 60)
+    ]
     blocks: list[Any] = []
     table = {"name": "s", "duration_s": 40.0, "contact": "end", "followers": head_on}
     sim = Simulation(table, observers=[blocks.append])

@@ -1,6 +1,4 @@
-"""A flight that tests of the command look at, and an empty report for flights of which nothing
-is asked.
-"""
+"""A flight that tests of the command read, and an empty report for tests that do not read it."""
 
 from pathlib import Path
 
@@ -17,7 +15,8 @@ def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def flown_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with 20 s of T5, flown without film, in its subfolder `first`."""
     folder = tmp_path_factory.mktemp("flown")
     result = laisn("fly", "T5", *SHORT, "--out", "first", cwd=folder)
     assert result.returncode == 0, result.stderr

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 SHORT = ["--set", "duration_s=20", "--no-video"]
+"""Options of a flight of 20 s that is not filmed."""
 WITHOUT_FILM = {
     "flight.mcap",
     "report.html",
@@ -14,9 +15,11 @@ WITHOUT_FILM = {
     "scenario.toml",
     "foxglove.json",
 }
+"""Files of a flight's folder, without the film."""
 
 
 def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command with these arguments in a process of its own, in the folder `cwd`."""
     command = [sys.executable, "-m", "laisn_sim.cli.main", *arguments]
     return subprocess.run(
         command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False
@@ -24,6 +27,7 @@ def laisn(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProce
 
 
 def files(folder: Path) -> dict[str, bytes]:
+    """Contents of all files in a folder, by their paths in it."""
     return {
         p.relative_to(folder).as_posix(): p.read_bytes()
         for p in sorted(folder.rglob("*"))

@@ -13,15 +13,15 @@ from laisn_sim.cli.main import app
 pytestmark = pytest.mark.system
 
 
-def test_doctor_names_what_it_tried() -> None:
+def test_doctor_reports_libraries_graphics_flight_and_film() -> None:
     result = CliRunner().invoke(app, ["doctor"])
     assert result.exit_code == 0
-    for what in ("Python", "mujoco", "egl", "osmesa", "flight", "film"):
-        assert what in result.output
+    for name in ("Python", "mujoco", "egl", "osmesa", "flight", "film"):
+        assert name in result.output
 
 
 @pytest.mark.parametrize("backend", ["osmesa", "no-such-thing"])
-def test_a_missing_graphics_library_stops_no_flight(backend: str, tmp_path: Path) -> None:
+def test_a_missing_graphics_library_stops_no_check_of_a_scenario(backend: str) -> None:
     code = (
         "import sys; sys.argv = ['laisn', 'check', 'T5']; from laisn_sim.cli.main import "
         "main; main()"

@@ -63,8 +63,8 @@ def test_bad_input_gets_one_screen_and_exit_code_2(arguments: list[str], expecte
     assert len(result.output.splitlines()) <= 24
 
 
-def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
-    """What the command does when a study raises an error."""
+def reproduce_failing_with(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
+    """Result of `laisn reproduce` where the study raises an error."""
 
     def fail(*_: object, **__: object) -> None:
         raise error
@@ -75,7 +75,7 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
 
 
 @pytest.mark.parametrize(
-    ("error", "wanted"),
+    ("error", "message"),
     [
         (CampaignError("a worker process died"), "laisn: a worker process died"),
         (
@@ -92,10 +92,10 @@ def failing(error: Exception, monkeypatch: pytest.MonkeyPatch) -> Result:
     ],
 )
 def test_user_errors_print_one_message_and_exit_with_code_2(
-    error: Exception, wanted: str, monkeypatch: pytest.MonkeyPatch
+    error: Exception, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = failing(error, monkeypatch)
-    assert (result.exit_code, result.output.strip()) == (2, wanted)
+    result = reproduce_failing_with(error, monkeypatch)
+    assert (result.exit_code, result.output.strip()) == (2, message)
 
 
 @pytest.mark.parametrize(
@@ -113,25 +113,25 @@ def test_internal_errors_print_one_line_with_the_traceback_path(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     error.add_note("nothing of this flight is kept")
-    result = failing(error, monkeypatch)
+    result = reproduce_failing_with(error, monkeypatch)
     assert result.exit_code == 1
-    [report] = tmp_path.iterdir()
+    [traceback_file] = tmp_path.iterdir()
     line, note = result.output.splitlines()
     assert line.startswith(f"laisn: this is a bug in the program ({type(error).__name__}")
-    assert line.endswith(f"the traceback is in {report}")
+    assert line.endswith(f"the traceback is in {traceback_file}")
     assert note == "nothing of this flight is kept"
-    assert stat.S_IMODE(report.stat().st_mode) == 0o600
-    written = report.read_text()
-    assert "Traceback (most recent call last)" in written
-    assert f"in fail\n    raise error\n{type(error).__name__}" in written
-    assert written.startswith(f"laisn-sim {version('laisn-sim')}, Python ")
+    assert stat.S_IMODE(traceback_file.stat().st_mode) == 0o600
+    traceback = traceback_file.read_text()
+    assert "Traceback (most recent call last)" in traceback
+    assert f"in fail\n    raise error\n{type(error).__name__}" in traceback
+    assert traceback.startswith(f"laisn-sim {version('laisn-sim')}, Python ")
 
 
 def test_internal_errors_are_reported_without_a_writable_traceback(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/dev/null")
-    result = failing(RuntimeError("from elsewhere"), monkeypatch)
+    result = reproduce_failing_with(RuntimeError("from elsewhere"), monkeypatch)
     assert result.exit_code == 1
     assert (
         "the traceback could not be written (Not a directory); LAISN_DEBUG=1 shows it"
@@ -146,14 +146,14 @@ def test_debugging_shows_every_traceback(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_no_message_is_longer_than_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    long = failing(
+    lines = reproduce_failing_with(
         LaisnError("\n".join(f"fault {i}" for i in range(1000))), monkeypatch
     ).output.splitlines()
-    assert long[:2] == ["laisn: fault 0", "fault 1"]
-    assert long[-1] == f"  … and {1000 - (len(long) - 1)} more"
-    assert len(long) <= 24
-    wide = failing(LaisnError("x" * 10**6), monkeypatch).output
-    assert len(wide) <= 24 * 80
+    assert lines[:2] == ["laisn: fault 0", "fault 1"]
+    assert lines[-1] == f"  … and {1000 - (len(lines) - 1)} more"
+    assert len(lines) <= 24
+    one_line = reproduce_failing_with(LaisnError("x" * 10**6), monkeypatch).output
+    assert len(one_line) <= 24 * 80
 
 
 @pytest.mark.parametrize("debug", [False, True])

@@ -39,7 +39,7 @@ FLY = [
 ]
 
 
-def gone(pid: int) -> bool:
+def has_ended(pid: int) -> bool:
     """Whether a process has ended, reaped or not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX"
@@ -47,14 +47,14 @@ def gone(pid: int) -> bool:
         return True
 
 
-def all_gone(pids: list[int], seconds: float = 10.0) -> bool:
-    until = time.monotonic() + seconds
-    while time.monotonic() < until and not all(gone(pid) for pid in pids):
+def have_all_ended(pids: list[int], seconds: float = 10.0) -> bool:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline and not all(has_ended(pid) for pid in pids):
         time.sleep(0.05)
-    return all(gone(pid) for pid in pids)
+    return all(has_ended(pid) for pid in pids)
 
 
-POOL = """
+POOL_SCRIPT = """
 import os, sys, time
 from experiments.campaign.pool import Pool
 
@@ -71,12 +71,12 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("sent_signal", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_workers_end_with_the_process_that_started_them(
-    tmp_path: Path, how: signal.Signals
+    tmp_path: Path, sent_signal: signal.Signals
 ) -> None:
     script = tmp_path / "script.py"
-    script.write_text(POOL)
+    script.write_text(POOL_SCRIPT)
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     # a test that was started in the background ignores Ctrl-C, and so would its children
     parent = subprocess.Popen(
@@ -90,13 +90,13 @@ def test_workers_end_with_the_process_that_started_them(
     assert parent.stdout is not None
     with parent:
         workers = [int(parent.stdout.readline()) for _ in range(2)]
-        assert not any(gone(pid) for pid in workers)
-        parent.send_signal(how)
+        assert not any(has_ended(pid) for pid in workers)
+        parent.send_signal(sent_signal)
         assert parent.wait(30) != 0
-    assert all_gone(workers)
+    assert have_all_ended(workers)
 
 
-CHILD = """
+CHILD_SCRIPT = """
 import os, subprocess, sys, time
 code = (
         f"from sim.system import exit_with_parent; exit_with_parent({os.getpid()}); "
@@ -110,17 +110,17 @@ time.sleep(60)
 
 def test_a_child_ends_with_a_parent_that_was_killed() -> None:
     parent = subprocess.Popen(
-        [sys.executable, "-c", CHILD], cwd=ROOT, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", CHILD_SCRIPT], cwd=ROOT, stdout=subprocess.PIPE, text=True
     )
     assert parent.stdout is not None
     with parent:
         child = int(parent.stdout.readline())
         parent.kill()
-    assert all_gone([child])
+    assert have_all_ended([child])
 
 
-@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals) -> None:
+@pytest.mark.parametrize("sent_signal", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, sent_signal: signal.Signals) -> None:
     folder = tmp_path / "out"
     command = [*LAISN, "fly", "T5", "--no-video", "--out", str(folder)]
     # the parent of the tests may ignore it
@@ -130,18 +130,18 @@ def test_a_signal_ends_a_flight_like_ctrl_c(tmp_path: Path, how: signal.Signals)
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(how, signal.SIG_DFL),
+        preexec_fn=lambda: signal.signal(sent_signal, signal.SIG_DFL),
     )
     while not list(folder.glob("unfinished")) and child.poll() is None:
         time.sleep(0.002)
-    child.send_signal(how)
+    child.send_signal(sent_signal)
     _, reported = child.communicate(timeout=60)
-    assert child.returncode == 128 + how
+    assert child.returncode == 128 + sent_signal
     assert reported == "laisn: interrupted; nothing of this flight is kept\n"
     assert not folder.exists()
 
 
-EARLY = """
+INTERRUPT_WHILE_LOADING = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -162,7 +162,14 @@ main()
     "module", ["experiments", "typer", "laisn_sim.cli.errors", "numpy", "numba", "mujoco"]
 )
 def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, module: str) -> None:
-    command = [sys.executable, "-c", EARLY, module, *FLY[3:], str(tmp_path / "out")]
+    command = [
+        sys.executable,
+        "-c",
+        INTERRUPT_WHILE_LOADING,
+        module,
+        *FLY[3:],
+        str(tmp_path / "out"),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 130
     assert done.stdout == ""
@@ -170,7 +177,7 @@ def test_ctrl_c_while_modules_are_loaded_gives_no_traceback(tmp_path: Path, modu
     assert len(done.stderr.splitlines()) == 1
 
 
-BETWEEN = """
+INTERRUPT_BEFORE_COMMAND = """
 import os, signal, sys
 import typer
 from laisn_sim.cli.errors import run
@@ -190,11 +197,13 @@ run(app)
 
 
 def test_ctrl_c_before_a_command_begins_ends_it() -> None:
-    done = subprocess.run([sys.executable, "-c", BETWEEN], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPT_BEFORE_COMMAND], cwd=ROOT, capture_output=True, text=True
+    )
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
 
 
-LATE = """
+INTERRUPT_AT_EXIT = """
 import atexit, os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 atexit.register(lambda: os.kill(os.getpid(), signal.SIGINT))
@@ -205,21 +214,24 @@ main()
 
 
 def test_ctrl_c_at_the_very_end_kills_without_a_traceback() -> None:
-    done = subprocess.run([sys.executable, "-c", LATE], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPT_AT_EXIT], cwd=ROOT, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
     assert done.stdout.startswith("laisn-sim ")
 
 
 def test_the_end_of_a_command_searches_no_garbage() -> None:
-    """Python's search at its end would take a tenth of a flight."""
+    """Python's search at its end would take a tenth of a flight; few objects are left to search."""
     counting = "import atexit, gc; atexit.register(lambda: print(len(gc.get_objects())));"
     command = [sys.executable, "-c", f"{counting} from laisn_sim import main; main()", "--version"]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
-    searched = int(ended.stdout.splitlines()[-1])
-    assert searched < 1000
+    objects_left = int(ended.stdout.splitlines()[-1])
+    assert objects_left < 1000
 
 
 def test_a_poor_encoding_costs_letters_and_nothing_else(tmp_path: Path) -> None:
+    """A letter that ASCII lacks, as × in `× bound`, is printed as a question mark."""
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = subprocess.run(
         [*FLY, str(tmp_path / "out")], cwd=ROOT, env=environment, capture_output=True, text=True
@@ -311,20 +323,20 @@ def test_ctrl_c_in_a_study_leaves_a_clean_state(tmp_path: Path) -> None:
     assert not [
         path for path in (tmp_path / "out").rglob("*") if path.suffix not in {".zip", ".json", ""}
     ]
-    until = time.monotonic() + 10.0
-    while time.monotonic() < until and processes_of(child.pid):
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline and processes_of(child.pid):
         time.sleep(0.1)
     assert processes_of(child.pid) == []
 
 
 def processes_of(session: int) -> list[int]:
     """Processes of a session that still run."""
-    actual = []
+    running = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
-            state, _, _, own = path.read_text().rpartition(")")[2].split()[:4]
+            state, _, _, session_of_process = path.read_text().rpartition(")")[2].split()[:4]
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if own == str(session) and state not in "ZX":
-            actual.append(int(path.parent.name))
-    return actual
+        if session_of_process == str(session) and state not in "ZX":
+            running.append(int(path.parent.name))
+    return running

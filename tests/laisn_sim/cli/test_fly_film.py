@@ -52,12 +52,12 @@ def test_a_renderer_that_dies_costs_the_film_alone_and_gives_exit_code_1(
     assert result.exit_code == 1
     assert "no film: a bug in the program" in result.stdout.splitlines()
     assert f"results in {tmp_path / 'o'}" in result.stdout.splitlines()
-    [fault] = tmp_path.glob("laisn-failure-*.txt")
+    [traceback_file] = tmp_path.glob("laisn-failure-*.txt")
     assert len(without_notice(result.stderr).splitlines()) == 1
     assert "ended with code 1" in result.stderr
-    assert f"the traceback is in {fault}" in result.stderr
+    assert f"the traceback is in {traceback_file}" in result.stderr
     assert "Traceback" not in result.output
-    assert "ZeroDivisionError: of the child" in fault.read_text()
+    assert "ZeroDivisionError: of the child" in traceback_file.read_text()
     assert {path.name for path in (tmp_path / "o").iterdir()} == WITHOUT_FILM
 
 
@@ -68,14 +68,14 @@ def test_a_log_refers_to_the_film_beside_it_and_holds_a_small_one_by_choice(
     tmp_path: Path, in_log: bool
 ) -> None:
     """6 s at 30 times real time and 25 Hz: five frames of 800 × 450 pixels."""
-    keys = {
+    changes = {
         "duration_s": 6,
         "video.width_px": 800,
         "video.height_px": 450,
         "video.frame_rate_hz": 25,
         "video.in_log": str(in_log).lower(),
     }
-    settings = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
+    settings = [word for key, value in changes.items() for word in ("--set", f"{key}={value}")]
     result = CliRunner().invoke(app, ["fly", "T5", *settings, "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     with av.open(str(tmp_path / "flight.mp4")) as film:
@@ -90,9 +90,9 @@ def test_a_log_refers_to_the_film_beside_it_and_holds_a_small_one_by_choice(
     if in_log:
         decoder = av.CodecContext.create("h264", "r")
         camera = log.topics["/camera"]
-        kind = message_class_of(camera.schema)
-        units = [kind.FromString(data).data for data in camera.data]
-        pictures = [p for unit in units for p in decoder.decode(av.Packet(unit))]
+        image_class = message_class_of(camera.schema)
+        access_units = [image_class.FromString(data).data for data in camera.data]
+        pictures = [p for unit in access_units for p in decoder.decode(av.Packet(unit))]
         pictures += decoder.decode(None)
         assert [(p.width, p.height) for p in pictures] == [(640, 360)] * 5
 
@@ -101,44 +101,44 @@ def test_a_log_refers_to_the_film_beside_it_and_holds_a_small_one_by_choice(
 def test_the_pitch_study_films_its_example_where_something_renders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: graphics.Backend | None
 ) -> None:
-    given: dict[str, Any] = {}
+    run_options: dict[str, Any] = {}
     monkeypatch.setattr(graphics, "working", lambda: backend)
     monkeypatch.setattr(
-        "experiments.study.study.run_studies", lambda *_, **options: given.update(options)
+        "experiments.study.study.run_studies", lambda *_, **options: run_options.update(options)
     )
     (tmp_path / "results.parquet").touch()
-    answer = CliRunner().invoke(
+    result = CliRunner().invoke(
         app, ["asymmetry", "--film", "example", "--quick", "--out", str(tmp_path)]
     )
-    assert (answer.exit_code, given["film"]) == (0, "example" if backend else "")
-    assert answer.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
+    assert (result.exit_code, run_options["film"]) == (0, "example" if backend else "")
+    assert result.stderr == ("" if backend else f"no film: {graphics.MISSING}\n")
     assert CliRunner().invoke(app, ["asymmetry", "--quick", "--out", str(tmp_path)]).stderr == ""
-    assert not given["film"]
+    assert not run_options["film"]
 
 
-def test_a_study_has_one_film(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_film_that_a_study_does_not_make_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graphics, "working", lambda: graphics.Backend("egl", True, "a renderer"))
-    for name, wrong, expected in (
+    for name, film, expected in (
         ("asymmetry", "worst", "expected --film example"),
         ("loss", "example", "expected --film worst"),
         ("formation", "worst", "without films"),
     ):
-        refused = CliRunner().invoke(app, [name, "--film", wrong])
+        refused = CliRunner().invoke(app, [name, "--film", film])
         assert expected in refused.stderr
 
 
 def test_a_built_in_study_runs_as_its_command_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given: list[dict[str, Any]] = []
+    run_options: list[dict[str, Any]] = []
     monkeypatch.setattr(
-        "experiments.study.study.run_studies", lambda *_, **options: given.append(options)
+        "experiments.study.study.run_studies", lambda *_, **options: run_options.append(options)
     )
     (tmp_path / "results.parquet").touch()
     options = ["--runs", "2", "--workers", "2", "--force", "--out", str(tmp_path)]
     first = CliRunner().invoke(app, ["reproduce", *options])
     second = CliRunner().invoke(app, ["study", "reproduce", *options])
     assert (first.exit_code, first.output) == (second.exit_code, second.output) == (0, first.output)
-    assert given[0] == given[1]
+    assert run_options[0] == run_options[1]
     refused = CliRunner().invoke(app, ["study", "loss", "--quick"])
     assert "--quick: the study has no [quick]" in refused.stderr

@@ -19,8 +19,8 @@ from tests.laisn_sim.cli.flights import WITHOUT_FILM, files, without_notice
 pytestmark = pytest.mark.system
 
 
-def interrupted(folder: Path, begun: str, *options: str) -> str:
-    """Press Ctrl-C in a flight of T5 into a folder as soon as a file is there; the message then."""
+def message_of_interrupted_flight(folder: Path, awaited_file: str, *options: str) -> str:
+    """What a flight of T5 into a folder prints if Ctrl-C is pressed as soon as a file is there."""
     command = [
         sys.executable,
         "-m",
@@ -32,7 +32,7 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
         str(folder),
     ]
     child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not list(folder.glob(begun)) and child.poll() is None:
+    while not list(folder.glob(awaited_file)) and child.poll() is None:
         time.sleep(0.002)
     child.send_signal(signal.SIGINT)
     printed, reported = child.communicate(timeout=60)
@@ -48,36 +48,42 @@ def interrupted(folder: Path, begun: str, *options: str) -> str:
 
 def test_ctrl_c_in_the_simulation_leaves_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
-    assert "nothing of this flight is kept" in interrupted(folder, "unfinished", "--no-video")
+    assert "nothing of this flight is kept" in message_of_interrupted_flight(
+        folder, "unfinished", "--no-video"
+    )
     assert not folder.exists()
 
 
-def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown: Path, tmp_path: Path) -> None:
+def test_ctrl_c_in_the_log_leaves_the_earlier_flight(flown_folder: Path, tmp_path: Path) -> None:
     folder = tmp_path / "stopped"
-    shutil.copytree(flown / "first", folder)
-    reported = interrupted(folder, "unfinished/flight.mcap.partial", "--no-video")
+    shutil.copytree(flown_folder / "first", folder)
+    reported = message_of_interrupted_flight(folder, "unfinished/flight.mcap.partial", "--no-video")
     assert f"the earlier flight in {folder} is unchanged" in reported
-    left = files(folder)
-    assert {name: left.pop(name) for name in files(flown / "first")} == files(flown / "first")
-    assert all(name.startswith("unfinished/") for name in left)
+    remaining = files(folder)
+    assert {name: remaining.pop(name) for name in files(flown_folder / "first")} == files(
+        flown_folder / "first"
+    )
+    assert all(name.startswith("unfinished/") for name in remaining)
 
 
 @pytest.mark.skipif(graphics.working() is None, reason=graphics.MISSING)
 def test_ctrl_c_in_the_film_leaves_the_earlier_flight_and_the_new_log(
-    flown: Path, tmp_path: Path
+    flown_folder: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "stopped"
-    shutil.copytree(flown / "first", folder)
-    reported = interrupted(folder, "unfinished/flight.mcap", "--set", "duration_s=200")
+    shutil.copytree(flown_folder / "first", folder)
+    reported = message_of_interrupted_flight(
+        folder, "unfinished/flight.mcap", "--set", "duration_s=200"
+    )
     [log] = folder.glob("unfinished/*")
     assert (
         f"the unfinished flight is in {log.parent}; the earlier flight in {folder} is unchanged"
         in reported
     )
-    left = files(folder)
+    remaining = files(folder)
     assert reader.read(log).trajectory.time[-1] == 200
-    assert left.pop(log.relative_to(folder).as_posix())
-    assert left == files(flown / "first")
+    assert remaining.pop(log.relative_to(folder).as_posix())
+    assert remaining == files(flown_folder / "first")
 
 
 def press_ctrl_c(*_: object, **__: object) -> None:
@@ -96,7 +102,7 @@ def press_ctrl_c_after_the_log(
 
 @pytest.mark.usefixtures("without_report")
 @pytest.mark.parametrize(
-    ("where", "kept"),
+    ("interrupted_function", "kept_files"),
     [
         # the last piece of the log is written first
         ("sim.log.writer.os.fsync", {"flight.mcap"}),
@@ -107,16 +113,21 @@ def press_ctrl_c_after_the_log(
     ],
 )
 def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
-    flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, kept: set[str]
+    flown_folder: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    interrupted_function: str,
+    kept_files: set[str],
 ) -> None:
     folder = tmp_path / "stopped"
-    shutil.copytree(flown / "first", folder)
+    shutil.copytree(flown_folder / "first", folder)
     (folder / "flight.mp4").write_bytes(b"film")
     before = files(folder)
-    film = "--video" if where == "sim.film.render.render" else "--no-video"
+    film = "--video" if interrupted_function == "sim.film.render.render" else "--no-video"
     with monkeypatch.context() as patch:
         patch.setattr(
-            where, press_ctrl_c_after_the_log if where.endswith("report") else press_ctrl_c
+            interrupted_function,
+            press_ctrl_c_after_the_log if interrupted_function.endswith("report") else press_ctrl_c,
         )
         result = CliRunner().invoke(
             app, ["fly", "T5", "--set", "duration_s=100", film, "--out", str(folder)]
@@ -124,4 +135,4 @@ def test_ctrl_c_in_any_phase_keeps_the_earlier_flight(
     assert result.exit_code == 130
     after = files(folder)
     assert {name: after.pop(name) for name in before} == before
-    assert {Path(name).name for name in after} >= kept
+    assert {Path(name).name for name in after} >= kept_files

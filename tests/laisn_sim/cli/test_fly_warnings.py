@@ -11,13 +11,13 @@ from sim.log.writer import Event
 NAMES = ("leader", *(f"follower-{i}" for i in range(1, 201)))
 
 
-def printed(events: list[Event]) -> list[str]:
+def printed_lines(events: list[Event]) -> list[str]:
     text = StringIO()
     show_warnings(Console(file=text, width=200), events, NAMES)
     return text.getvalue().splitlines()
 
 
-def near(k: int) -> Event:
+def proximity_warning(k: int) -> Event:
     text = (
         f"stations of follower-{k + 1} and follower-{k}, {3 + k / 100:.1f} m apart, are nearer "
         "than 3 sigma of their relative position error"
@@ -27,18 +27,19 @@ def near(k: int) -> Event:
 
 @pytest.mark.parametrize("count", [1, 10])
 def test_few_warnings_are_printed_whole(count: int) -> None:
-    lines = printed([near(k) for k in range(1, count + 1)])
+    lines = printed_lines([proximity_warning(k) for k in range(1, count + 1)])
     assert len(lines) == count
     assert lines[0].startswith("warning: at 1 s stations of follower-2 and follower-1, 3.0 m apart")
 
 
 def test_many_of_a_kind_are_counted_and_hide_no_other_kind() -> None:
-    """87 pairs of stations, which differ in names and numbers alone, and one vehicle that is lost
-    among them.
+    """Warnings of 87 pairs of stations, which differ in names and numbers alone, and one of another
+    kind among them.
     """
-    events = [near(k) for k in range(1, 88)]
+    events = [proximity_warning(k) for k in range(1, 88)]
     events.insert(60, Event(60.5, "warning", "follower-3 goes below the sea floor", "follower-3"))
-    lines = printed(events)
+    lines = printed_lines(events)
+    # ten of the pairs, the other kind, and the count of the 77 that are left out
     assert len(lines) == 12
     assert sum("apart" in line and " at " in line for line in lines) == 10
     assert "warning: at 60.5 s follower-3 goes below the sea floor" in lines

@@ -17,11 +17,11 @@ from tests.laisn_sim.cli.flights import SHORT, WITHOUT_FILM, files
 
 
 @pytest.mark.system
-def test_fly_writes_all_its_evidence(flown: Path) -> None:
-    assert {path.name for path in (flown / "first").iterdir()} == WITHOUT_FILM
-    summary = json.loads((flown / "first" / "summary.json").read_text())
+def test_fly_writes_all_its_evidence(flown_folder: Path) -> None:
+    assert {path.name for path in (flown_folder / "first").iterdir()} == WITHOUT_FILM
+    summary = json.loads((flown_folder / "first" / "summary.json").read_text())
     assert {"scenario", "seed", "outcome", "variant", "versions", "followers"} <= set(summary)
-    for figure in (
+    for key in (
         "e_p_max_m",
         "e_p_mean_m",
         "e_p_std_m",
@@ -29,9 +29,9 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
         "e_b_mean_deg",
         "e_b_std_deg",
     ):
-        assert summary[figure] >= 0
+        assert summary[key] >= 0
     assert summary["flown_s"] == 20
-    timing = json.loads((flown / "first" / "timing.json").read_text())
+    timing = json.loads((flown_folder / "first" / "timing.json").read_text())
     phases = ("prepare", "simulate", "navigate", "log", "report")
     assert set(timing) == {
         *(f"{phase}{clock}" for phase in phases for clock in ("_s", "_processor_s")),
@@ -46,67 +46,73 @@ def test_fly_writes_all_its_evidence(flown: Path) -> None:
 @pytest.mark.system
 @pytest.mark.usefixtures("without_report")
 def test_the_written_scenario_reflies_the_mission_to_the_byte(
-    flown: Path, monkeypatch: pytest.MonkeyPatch
+    flown_folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The first time it was flown by another process."""
-    monkeypatch.chdir(flown)
+    """The first flight was that of another process."""
+    monkeypatch.chdir(flown_folder)
     result = CliRunner().invoke(
         app, ["fly", "first/scenario.toml", "--no-video", "--out", "second"]
     )
     assert result.exit_code == 0, result.stderr
     for name in ("summary.json", "scenario.toml", "flight.mcap"):
-        assert (flown / "first" / name).read_bytes() == (flown / "second" / name).read_bytes()
+        assert (flown_folder / "first" / name).read_bytes() == (
+            flown_folder / "second" / name
+        ).read_bytes()
 
 
 @pytest.mark.usefixtures("without_report")
-def test_another_run_has_other_noise_and_the_same_motion(flown: Path) -> None:
+def test_another_run_has_other_noise_and_the_same_motion(flown_folder: Path) -> None:
     result = CliRunner().invoke(
-        app, ["fly", "T5", *SHORT, "--run", "7", "--out", str(flown / "run7")]
+        app, ["fly", "T5", *SHORT, "--run", "7", "--out", str(flown_folder / "run7")]
     )
     assert result.exit_code == 0, result.stderr
-    first, other = (reader.read(flown / name / "flight.mcap") for name in ("first", "run7"))
+    first, other = (reader.read(flown_folder / name / "flight.mcap") for name in ("first", "run7"))
     assert (first.trajectory.position == other.trajectory.position).all()
     assert (first.measurements[0].speed != other.measurements[0].speed).any()
 
 
-def test_replay_gives_the_logged_estimates_again(flown: Path) -> None:
-    log, again = (str(flown / name) for name in ("first/flight.mcap", "again.mcap"))
-    result = CliRunner().invoke(app, ["replay", log, "--variant", "laisn-2", "--out", again])
+def test_replay_gives_the_logged_estimates_again(flown_folder: Path) -> None:
+    log, replay = (str(flown_folder / name) for name in ("first/flight.mcap", "again.mcap"))
+    result = CliRunner().invoke(app, ["replay", log, "--variant", "laisn-2", "--out", replay])
     assert result.exit_code == 0, result.stderr
-    first, again = (reader.read(flown / name) for name in ("first/flight.mcap", "again.mcap"))
+    first, again = (
+        reader.read(flown_folder / name) for name in ("first/flight.mcap", "again.mcap")
+    )
     assert (first.estimates[0].state == again.estimates[0].state).all()
 
 
-def test_a_replay_smooths_after_the_fact(flown: Path) -> None:
+def test_a_replay_smooths_after_the_fact(flown_folder: Path) -> None:
     """Until the last message the estimates are others; after it there is nothing to smooth with."""
-    log, files = (
-        str(flown / "first/flight.mcap"),
-        [flown / "filtered.mcap", flown / "smoothed.mcap"],
+    log, replays = (
+        str(flown_folder / "first/flight.mcap"),
+        [flown_folder / "filtered.mcap", flown_folder / "smoothed.mcap"],
     )
-    tight = ["replay", log, "--variant", "tight", "--out"]
+    command = ["replay", log, "--variant", "tight", "--out"]
     outputs = []
-    for file, smooth in zip(files, ([], ["--smooth", "60"]), strict=True):
-        result = CliRunner().invoke(app, [*tight, str(file), *smooth])
+    for replay, smooth in zip(replays, ([], ["--smooth", "60"]), strict=True):
+        result = CliRunner().invoke(app, [*command, str(replay), *smooth])
         assert result.exit_code == 0, result.stderr
         outputs.append(result.stdout)
     title = "smoothed with messages of up to 60 s later"
     assert title not in outputs[0]
-    filtered, smoothed = (reader.read(file).estimates[0] for file in files)
-    truth = reader.read(files[0]).hydrophone(0)[:, :2]
+    filtered, smoothed = (reader.read(replay).estimates[0] for replay in replays)
+    truth = reader.read(replays[0]).hydrophone(0)[:, :2]
     table = outputs[1][outputs[1].index(title) :]
     for estimates, lag in ((filtered, 0.0), (smoothed, 60.0)):
         rms = np.sqrt(np.mean(np.sum((estimates.state[:, :2] - truth) ** 2, axis=1)))
-        least = np.sqrt(np.mean(flight_bound(reader.read(files[0]), 0, lag) ** 2))
+        bound = np.sqrt(np.mean(flight_bound(reader.read(replays[0]), 0, lag) ** 2))
         assert f"{rms:.3f}" in table
-        assert f"{least:.3f}" in table
+        assert f"{bound:.3f}" in table
     differs = (filtered.state != smoothed.state).any(axis=1)
     last = filtered.fix_step[-1]
     assert differs[: last - 1].all()
     assert not differs[last - 1 :].any()
 
 
-def test_only_the_tightly_coupled_navigator_is_smoothed(flown: Path) -> None:
-    result = CliRunner().invoke(app, ["replay", str(flown / "first/flight.mcap"), "--smooth", "60"])
+def test_only_the_tightly_coupled_navigator_is_smoothed(flown_folder: Path) -> None:
+    result = CliRunner().invoke(
+        app, ["replay", str(flown_folder / "first/flight.mcap"), "--smooth", "60"]
+    )
     assert result.exit_code != 0
     assert "add --variant tight" in result.stderr
 
@@ -175,17 +181,17 @@ def test_a_scenario_of_any_name_gets_a_folder_within_out(
     ("out", "expected"), [("first/flight.mcap", "than the input"), ("a.toml", "ends in .mcap")]
 )
 def test_a_replay_replaces_no_log(
-    flown: Path, monkeypatch: pytest.MonkeyPatch, out: str, expected: str
+    flown_folder: Path, monkeypatch: pytest.MonkeyPatch, out: str, expected: str
 ) -> None:
-    monkeypatch.chdir(flown)
-    before = files(flown)
+    monkeypatch.chdir(flown_folder)
+    before = files(flown_folder)
     result = CliRunner().invoke(app, ["replay", "first/flight.mcap", "--out", out])
     assert result.exit_code == 2
     assert expected in " ".join(result.output.split())
-    assert files(flown) == before
+    assert files(flown_folder) == before
 
 
-def test_a_scenario_is_printed_as_a_start_for_ones_own(tmp_path: Path) -> None:
+def test_a_printed_scenario_is_a_valid_scenario_file(tmp_path: Path) -> None:
     printed = CliRunner().invoke(app, ["scenarios", "T7"]).output
     (tmp_path / "own.toml").write_text(printed)
     checked = CliRunner().invoke(app, ["check", str(tmp_path / "own.toml")])
@@ -194,21 +200,23 @@ def test_a_scenario_is_printed_as_a_start_for_ones_own(tmp_path: Path) -> None:
     assert "T9" in CliRunner().invoke(app, ["scenarios"]).output
 
 
-def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> None:
-    log, table = flown / "first" / "flight.mcap", tmp_path / "shares.csv"
+def test_a_range_budget_has_a_row_for_each_received_range_of_a_log(
+    flown_folder: Path, tmp_path: Path
+) -> None:
+    log, table = flown_folder / "first" / "flight.mcap", tmp_path / "shares.csv"
     result = CliRunner().invoke(app, ["range-budget", str(log), "--out", str(table)])
     assert result.exit_code == 0
     assert "lever arm" in result.output
-    heads, *rows = (line.split(",") for line in table.read_text().splitlines())
+    header, *rows = (line.split(",") for line in table.read_text().splitlines())
     received = reader.read(log).measurements[0].ranges
     assert len(rows) == int(np.isfinite(received).sum())
-    used = [
-        float(row[heads.index("used_range_m")])
+    used_rear_ranges = [
+        float(row[header.index("used_range_m")])
         for row in rows
-        if row[heads.index("transmitter")] == "rear"
+        if row[header.index("transmitter")] == "rear"
     ]
     assert (
-        0 < min(received[:, 0] - used) < max(received[:, 0] - used) < 1.0
+        0 < min(received[:, 0] - used_rear_ranges) < max(received[:, 0] - used_rear_ranges) < 1.0
     )  # Δz is 2 m, so that slant ranges are longer
 
 
@@ -220,10 +228,10 @@ def test_the_ranges_of_a_log_are_taken_apart(flown: Path, tmp_path: Path) -> Non
     ],
 )
 def test_inputs_without_a_range_budget_are_reported(
-    flown: Path, options: list[str], expected: str
+    flown_folder: Path, options: list[str], expected: str
 ) -> None:
     result = CliRunner().invoke(
-        app, ["range-budget", str(flown / "first" / "flight.mcap"), *options]
+        app, ["range-budget", str(flown_folder / "first" / "flight.mcap"), *options]
     )
     assert result.exit_code == 2
     assert expected in " ".join(result.output.split())

@@ -20,10 +20,10 @@ def commands(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[str, .
         yield from commands(inner, (*words, name))
 
 
-ALL = [*commands(typer.main.get_command(app))]
+ALL_COMMANDS = [*commands(typer.main.get_command(app))]
 
 
-def shown(*words: str) -> str:
+def help_text(*words: str) -> str:
     """The text of a command's help, on one line, without its frame."""
     result = CliRunner().invoke(app, [*words, "--help"])
     assert result.exit_code == 0
@@ -37,10 +37,10 @@ def command_at(words: tuple[str, ...]) -> Any:
     return command
 
 
-@pytest.mark.parametrize("words", ALL, ids=" ".join)
+@pytest.mark.parametrize("words", ALL_COMMANDS, ids=" ".join)
 def test_every_help_text_shows_what_is_in_brackets(words: tuple[str, ...]) -> None:
     """Every text is declared with them; Rich takes [m] for a style unless it is escaped."""
-    text = shown(*words)
+    text = help_text(*words)
     for option in command_at(words).params:
         declared = str(getattr(option, "help", "") or "").replace("\\[", "[")
         for unit in UNIT.findall(declared):
@@ -48,19 +48,20 @@ def test_every_help_text_shows_what_is_in_brackets(words: tuple[str, ...]) -> No
 
 
 def test_units_of_hulls_and_films_are_shown() -> None:
-    hull = shown("hull")
+    hull = help_text("hull")
     assert "length of the hull [m]" in hull
     assert "mass with all that floods [kg]; the hull is neutral" in hull
     assert "diameter of the propeller [m]; default: 0.7 of the hull" in hull
-    assert "one picture at mission time T [s]" in shown("render")
+    assert "one picture at mission time T [s]" in help_text("render")
 
 
 @pytest.mark.parametrize("columns", ["0", "1", "-5", "wide", ""])
-def test_a_terminal_of_no_width_shows_everything(
+def test_an_invalid_terminal_width_cuts_nothing_off(
     columns: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", columns)
-    assert "length of the hull [m]" in shown("hull")
+    assert "length of the hull [m]" in help_text("hull")
+    # the command before this one removed it
     monkeypatch.setenv("COLUMNS", columns)
     assert "following-sea" in CliRunner().invoke(app, ["scenarios"]).output
 
@@ -71,12 +72,12 @@ def test_every_option_that_takes_a_measure_states_its_unit() -> None:
         f"{' '.join(words)} {option.opts[-1]}": f"{option.metavar} {option.help}".replace(
             "\\[", "["
         )
-        for words in ALL
+        for words in ALL_COMMANDS
         for option in command_at(words).params
         if str(option.bare_type()).startswith("float")
     }
     assert {"hull --mass", "pitch --below", "replay --longest-gap"} <= set(measures)
-    without = [
+    without_unit = [
         name for name, text in measures.items() if not re.search(r"\[.+\]|second", text.lower())
     ]
-    assert without == []
+    assert without_unit == []

@@ -17,7 +17,7 @@ from laisn_sim.cli.studies import BUILT_IN
 from sim.log import writer
 from tests.synthetic import make_flight
 
-TABLE = (
+TABLE_HEADS = (
     "time [s],speed [m/s],heading_deg,depth,leader_timestamp,leader_east,leader_north,"
     "leader_heading_deg,leader_speed,leader_depth,range_rear\n"
 )
@@ -36,12 +36,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     writer.write(make_flight(10.0), Path("a.mcap"))
     Path("cut.mcap").write_bytes(Path("a.mcap").read_bytes()[:-5])
     rows = "".join(f"{0.1 * k:.1f},1,90,8,{0.1 * k:.1f},{k},20,90,1,8,20\n" for k in range(99))
-    Path("mine.csv").write_text(TABLE + rows, encoding="utf-8")
+    Path("mine.csv").write_text(TABLE_HEADS + rows, encoding="utf-8")
     Path("mine.toml").write_text(SCENARIO, encoding="utf-8")
     return tmp_path
 
 
-def rendered(*_: object, **__: object) -> None:
+def write_still(*_: object, **__: object) -> None:
     Path("still.png").write_bytes(b"png")
 
 
@@ -79,7 +79,7 @@ def every_command() -> set[str]:
     return names
 
 
-def test_every_command_is_known_to_write_or_not() -> None:
+def test_every_command_is_listed_by_what_it_writes() -> None:
     assert every_command() == {*COMMANDS, *FOLDERS, *READERS}
 
 
@@ -88,7 +88,7 @@ def test_every_command_is_known_to_write_or_not() -> None:
 def test_a_command_names_its_file_and_says_when_it_replaces_one(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(results, "render", rendered)
+    monkeypatch.setattr(results, "render", write_still)
     words, files = COMMANDS[name]
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
     texts = []
@@ -118,7 +118,9 @@ def test_a_command_names_its_file_and_says_when_it_replaces_one(
         ("log import mine.csv --out mine.csv/a.mcap", "the folder mine.csv cannot be made"),
     ],
 )
-def test_files_that_a_command_must_not_write_are_refused_first(words: str, text: str) -> None:
+def test_files_that_a_command_must_not_write_are_refused_before_any_is_written(
+    words: str, text: str
+) -> None:
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
     result = CliRunner().invoke(app, words.split(), env={"COLUMNS": "300"})
     assert result.exit_code == 2
@@ -126,7 +128,7 @@ def test_files_that_a_command_must_not_write_are_refused_first(words: str, text:
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
-def study(folder: Path, baselines: tuple[float, ...]) -> Path:
+def stored_study(folder: Path, baselines: tuple[float, ...]) -> Path:
     """A stored study of two runs at each of these baselines."""
     folder.mkdir()
     rows = [
@@ -151,14 +153,17 @@ def test_studies_without_a_common_point_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    study(Path("a"), (1.0, 2.0))
-    study(Path("b"), (2.0, 0.5))
-    study(Path("c"), (0.25, 0.5))
-    together = CliRunner().invoke(app, ["compare", "a", "b"])
-    assert together.exit_code == 0, together.output
+    stored_study(Path("a"), (1.0, 2.0))
+    stored_study(Path("b"), (2.0, 0.5))
+    stored_study(Path("c"), (0.25, 0.5))
+    with_common_point = CliRunner().invoke(app, ["compare", "a", "b"])
+    assert with_common_point.exit_code == 0, with_common_point.output
     assert Path("out/compare/a-b.html").is_file()
-    apart = CliRunner().invoke(app, ["compare", "a", "c"], env={"COLUMNS": "400"})
-    assert apart.exit_code == 2
-    assert "a and c have no point in common" in apart.output
-    assert "points of a: leader.baseline_m = 1.0; leader.baseline_m = 2.0" in apart.output
+    without_common_point = CliRunner().invoke(app, ["compare", "a", "c"], env={"COLUMNS": "400"})
+    assert without_common_point.exit_code == 2
+    assert "a and c have no point in common" in without_common_point.output
+    assert (
+        "points of a: leader.baseline_m = 1.0; leader.baseline_m = 2.0"
+        in without_common_point.output
+    )
     assert not Path("out/compare/a-c.html").exists()

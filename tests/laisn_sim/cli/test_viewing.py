@@ -41,7 +41,7 @@ def test_without_a_screen_nothing_is_opened(
     assert opened == []
 
 
-def test_measurements_of_a_data_set_are_replayed_instead(tmp_path: Path) -> None:
+def test_a_log_of_measurements_alone_is_refused_and_replay_is_named(tmp_path: Path) -> None:
     log = tmp_path / "plaza.mcap"
     source = Path(__file__).parents[2] / "data" / "plaza" / "Plaza2.mat"
     options = ["log", "import", str(source), "--out", str(log), "--beacons", "1,6"]

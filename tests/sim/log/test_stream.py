@@ -21,7 +21,7 @@ from laisn.errors import LaisnError
 from sim.flight import FlightRecord, Termination
 from sim.log.stream import FoxgloveStream
 from sim.log.writer import channels
-from tests.laisn_sim.test_live import listening
+from tests.laisn_sim.test_live import listening_addresses
 from tests.synthetic import make_flight
 
 PROTOCOLS: Any = ["foxglove.sdk.v1"]
@@ -71,7 +71,7 @@ def flown(flight: FlightRecord, outcome: Termination) -> FlightRecord:
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="no table of sockets")
 def test_foxglove_is_served_on_this_machine_alone(stream: FoxgloveStream) -> None:
-    assert listening(int(stream.address.rpartition(":")[2])) == ["0100007F"]
+    assert listening_addresses(int(stream.address.rpartition(":")[2])) == ["0100007F"]
 
 
 def test_a_port_that_is_taken_is_told(stream: FoxgloveStream) -> None:
