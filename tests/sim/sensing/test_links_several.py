@@ -1,5 +1,5 @@
-"""Navigators that take the messages of several links: where the transmitters of a further link are,
-and what its ranges are good for.
+"""Navigators that take the messages of several links: the positions of the transmitters of a
+further link, and how its ranges improve estimates.
 """
 
 import json
@@ -20,12 +20,14 @@ from laisn_sim.cli.main import app
 
 BEACONS = [[-60.0, -80.0, 5.0], [160.0, -60.0, 25.0], [40.0, 150.0, 12.0]]
 ESCORT_SITES = [[-3.0, 0.0, 0.1], [2.5, 0.0, 0.0], [0.4, 1.5, 0.0]]
-"""Unlike the leader's, which are 2 m apart."""
+"""Transmitters of the escort, forward, port and up [m]; those of the leader are 2 m apart."""
 
 
 def mission(variant: str, *further: str, **changes: Any) -> dict[str, Any]:
-    """Followers astern of a leader and beside an escort."""
-    ways = [[[0.0, -12.0, -8.0 + 2.0 * i], [100.0, 68.0, 52.0 + 2.0 * i]] for i in range(4)]
+    """Four followers between a leader and an escort, who navigate by the leader's broadcast and by
+    the further links that are named.
+    """
+    routes = [[[0.0, -12.0, -8.0 + 2.0 * i], [100.0, 68.0, 52.0 + 2.0 * i]] for i in range(4)]
     return {
         "duration_s": 60.0,
         "motion": "kinematic",
@@ -36,7 +38,10 @@ def mission(variant: str, *further: str, **changes: Any) -> dict[str, Any]:
         ],
         "navigation": {"variant": variant, "further_links": further},
         "followers": [
-            *({"name": f"f{i}", "waypoints": way, "depth_m": 12.0} for i, way in enumerate(ways)),
+            *(
+                {"name": f"f{i}", "waypoints": route, "depth_m": 12.0}
+                for i, route in enumerate(routes)
+            ),
             {"name": "escort", "waypoints": [[0.0, 40.0, -20.0], [100.0, 120.0, 40.0]]},
         ],
         **changes,
@@ -44,33 +49,34 @@ def mission(variant: str, *further: str, **changes: Any) -> dict[str, Any]:
 
 
 def errors_of(flight: Flight, follower: int) -> Floats:
-    off = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
-    return np.asarray(np.hypot(*off.T))
+    """Horizontal distance of the estimate from the hydrophone at each step, shape (n,), [m]."""
+    offset = flight.estimates[follower].state[:, :2] - flight.hydrophone(follower)[:, :2]
+    return np.asarray(np.hypot(*offset.T))
 
 
 def test_a_message_of_an_escort_places_the_transmitters_of_the_escort() -> None:
-    """Not those of the leader, whose distance the settings of the navigator have."""
-    exact = {
+    """Not those of the leader, whose baseline the settings of the navigator have."""
+    exact_broadcast = {
         "sensors.leader_heading_sigma_deg": 0.0,
         "sensors.leader_position_sigma_m": 0.0,
     }
-    flight = laisn_sim.fly(mission("ekf", "escort"), exact)
-    links = flight.measurements[0].links["escort"]
-    assert len(links.message) > 50
+    flight = laisn_sim.fly(mission("ekf", "escort"), exact_broadcast)
+    messages = flight.measurements[0].links["escort"]
+    assert len(messages.message) > 50
     truth = flight.trajectory
-    v = truth.names.index("escort")
-    for i in range(0, len(links.message), 10):
-        reception = links.reception(i, {})
+    escort = truth.names.index("escort")
+    for i in range(0, len(messages.message), 10):
+        reception = messages.reception(i, {})
         k = round(reception.message.timestamp / 0.1)
-        east, north, up = truth.position[k, v]
-        heading = truth.heading[k, v]
+        east, north, up = truth.position[k, escort]
+        heading = truth.heading[k, escort]
         expected = [
             (
                 east + forward * np.sin(heading) - port * np.cos(heading),
                 north + forward * np.cos(heading) + port * np.sin(heading),
-                -(up + raised),
+                -(up + upward),
             )
-            for forward, port, raised in ESCORT_SITES
+            for forward, port, upward in ESCORT_SITES
         ]
         settings = TightSettings(use_attitude=False)
         np.testing.assert_allclose(
@@ -80,29 +86,32 @@ def test_a_message_of_an_escort_places_the_transmitters_of_the_escort() -> None:
 
 @pytest.mark.parametrize("variant", ["ekf", "tight"])
 @pytest.mark.parametrize("further", ["lbl", "escort"])
-def test_ranges_of_a_further_link_make_estimates_better_and_stay_consistent(
+def test_ranges_of_a_further_link_make_estimates_better_and_consistent(
     variant: str, further: str
 ) -> None:
-    alone = laisn_sim.fly(mission(variant))
-    both = laisn_sim.fly(mission(variant, further))
-    late = slice(100, None)
+    without = laisn_sim.fly(mission(variant))
+    with_link = laisn_sim.fly(mission(variant, further))
+    settled = slice(100, None)
     rms = []
-    for flight in (alone, both):
-        squares = [errors_of(flight, i)[late] ** 2 for i in range(4)]
+    for flight in (without, with_link):
+        squares = [errors_of(flight, i)[settled] ** 2 for i in range(4)]
         rms.append(float(np.sqrt(np.mean(squares))))
     assert rms[1] < 0.8 * rms[0]
-    # NEES of two numbers: 2 on average, of which four followers give some ten independent ones
-    normalised = []
+    # The squared error over its covariance (NEES) of two coordinates is 2 on average; errors are
+    # correlated in time, so that four followers give about ten independent ones.
+    nees = []
     for i in range(4):
-        error = (both.estimates[i].state[:, :2] - both.hydrophone(i)[:, :2])[late]
-        covariance = both.estimates[i].covariance[late, :2, :2]
-        normalised.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error))
-    assert 0.4 < np.mean(normalised) < 5.0
+        error = (with_link.estimates[i].state[:, :2] - with_link.hydrophone(i)[:, :2])[settled]
+        covariance = with_link.estimates[i].covariance[settled, :2, :2]
+        nees.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error))
+    assert 0.4 < np.mean(nees) < 5.0
 
 
-def test_the_tight_navigator_finds_back_by_beacons_when_the_leader_is_not_heard() -> None:
-    """Its compass drifts off for 60 s; the beacons alone keep it where it is."""
-    deaf = {
+def test_the_tight_navigator_keeps_its_position_by_beacons_when_the_leader_is_not_heard() -> None:
+    """A compass that is 4° off leads it astray for 60 s; with the beacons alone it errs by less
+    than 2 m.
+    """
+    settings = {
         "acoustics.loss_probability": 0.0,
         "acoustics.max_range_m": 400.0,
         "sensors.heading_bias_deg": 4.0,
@@ -110,32 +119,32 @@ def test_the_tight_navigator_finds_back_by_beacons_when_the_leader_is_not_heard(
     table = mission("tight", "lbl")
     # the leader is out of reach
     table["leader"] = {"waypoints": [[0.0, 900.0, 900.0], [60.0, 960.0, 900.0]]}
-    flight = laisn_sim.fly(table, deaf)
+    flight = laisn_sim.fly(table, settings)
     assert np.isnan(flight.measurements[0].ranges).all()
     assert np.isfinite(flight.measurements[0].links["lbl"].ranges).any()
     assert errors_of(flight, 0)[100:].max() < 2.0
-    lost = laisn_sim.navigate(flight, {"navigation.further_links": []})
-    assert errors_of(lost, 0)[-1] > 3.0
+    without_beacons = laisn_sim.navigate(flight, {"navigation.further_links": []})
+    assert errors_of(without_beacons, 0)[-1] > 3.0
 
 
 @pytest.mark.system
 def test_the_command_flies_and_reports_several_links_without_a_bound(tmp_path: Path) -> None:
-    """The bound knows one link; nor does the smoother, which says so, take more."""
+    """The Cramér-Rao bound and the smoother are those of one link; the smoother says so."""
     scenario = tmp_path / "both.toml"
     laisn_sim.load(mission("tight", "lbl", "escort", duration_s=20.0)).save(scenario)
     out = tmp_path / "out"
     result = CliRunner().invoke(app, ["fly", str(scenario), "--no-video", "--out", str(out)])
     assert result.exit_code == 0, result.output
     summary = json.loads((out / "summary.json").read_text())
-    for row in summary["followers"].values():
-        assert row["rms_over_bound"] is None
-        assert row["bound_rms_m"] is None
-        assert row["e_p_mean_m"] < 0.5
+    for summary_of_follower in summary["followers"].values():
+        assert summary_of_follower["rms_over_bound"] is None
+        assert summary_of_follower["bound_rms_m"] is None
+        assert summary_of_follower["e_p_mean_m"] < 0.5
     page = (out / "report.html").read_text()
     assert "which is not known for several links" in page
     flight = laisn_sim.read_log(out / "flight.mcap")
-    again = laisn_sim.navigate(flight)
-    np.testing.assert_array_equal(again.estimates[0].state, flight.estimates[0].state)
+    renavigated = laisn_sim.navigate(flight)
+    np.testing.assert_array_equal(renavigated.estimates[0].state, flight.estimates[0].state)
     log = str(out / "flight.mcap")
     result = CliRunner().invoke(app, ["replay", log, "--variant", "tight", "--smooth", "5"])
     assert result.exit_code != 0
@@ -144,21 +153,20 @@ def test_the_command_flies_and_reports_several_links_without_a_bound(tmp_path: P
 
 @pytest.mark.system
 def test_a_closed_loop_and_a_study_take_several_links(tmp_path: Path) -> None:
-    """Followers that steer by `tight` get both; each run of a study equals its flight."""
+    """Followers that steer by estimates of `tight` receive both; runs of a study equal flights."""
     by_estimate = {f"followers.{i}.guidance_position": "estimate" for i in range(4)}
     table = mission("tight", "lbl", duration_s=20.0, motion="physics")
     steered = laisn_sim.fly(table, by_estimate)
     assert steered.measurements[0].links["lbl"].message.size
-    again = laisn_sim.navigate(steered)
-    np.testing.assert_array_equal(again.estimates[0].state, steered.estimates[0].state)
+    renavigated = laisn_sim.navigate(steered)
+    np.testing.assert_array_equal(renavigated.estimates[0].state, steered.estimates[0].state)
     scenario = laisn_sim.load(mission("tight", "lbl", duration_s=20.0))
     scenario.save(tmp_path / "both.toml")
     results = laisn_sim.study(
         tmp_path / "both.toml", navigators={"t": "tight"}, runs=2, out=tmp_path / "study"
     )
-    flown = [errors_of(laisn_sim.fly(scenario, {"run": run}), 0).mean() for run in range(2)]
-    (mean,) = {float(value) for value in results.table["e_p_mean_m"][:1]}
-    assert mean == pytest.approx(np.mean(flown), rel=1e-6)
+    mean_errors = [errors_of(laisn_sim.fly(scenario, {"run": run}), 0).mean() for run in range(2)]
+    assert results.table["e_p_mean_m"][0] == pytest.approx(np.mean(mean_errors), rel=1e-6)
 
 
 def test_a_further_link_without_positions_is_refused() -> None:

@@ -42,15 +42,15 @@ def _philox(numbers: npt.NDArray[np.uint64]) -> tuple[int, int, int, int]:
     return noise.philox(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
 
 
-@pytest.mark.parametrize(("counter", "key", "answer"), KNOWN_ANSWERS)
-def test_philox_gives_the_published_answers(counter: str, key: str, answer: str) -> None:
+@pytest.mark.parametrize(("counter", "key", "output"), KNOWN_ANSWERS)
+def test_philox_gives_the_published_outputs(counter: str, key: str, output: str) -> None:
     numbers = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
-    assert [int(word) for word in _philox(numbers)] == [int(word, 16) for word in answer.split()]
+    assert [int(word) for word in _philox(numbers)] == [int(word, 16) for word in output.split()]
 
 
 def test_normals_are_those_of_box_and_muller() -> None:
-    # The words of an address by the published algorithm in Python's integers, the normals by the
-    # library's functions.
+    # The words of an address by the published algorithm of Philox 4x32-10 in Python's integers, the
+    # normals by the functions of `math`.
     def words(seed: int, run: int, stream: int, step: int, block: int = 0) -> list[int]:
         c, k = [step, run, stream, block], [seed & 0xFFFFFFFF, seed >> 32]
         for _ in range(10):
@@ -68,14 +68,14 @@ def test_normals_are_those_of_box_and_muller() -> None:
     blocks = [normals(seed, run, stream, np.arange(50), block) for block in range(3)]
     for block, step in product(range(3), range(50)):
         first, second = blocks[block][step]
-        w = words(seed, run, stream, step, block)
-        u, v = ((high << 20) | (low >> 12) for high, low in (w[:2], w[2:]))
+        output_words = words(seed, run, stream, step, block)
+        u, v = ((high << 20) | (low >> 12) for high, low in (output_words[:2], output_words[2:]))
         radius = math.sqrt(-2.0 * math.log(1.0 - u * 2.0**-52))
         angle = (v * 2.0**-52 - 0.5) * math.pi / 2 + (v % 4) * math.pi / 2
         assert first == pytest.approx(radius * math.cos(angle), abs=1e-13)
         assert second == pytest.approx(radius * math.sin(angle), abs=1e-13)
     assert uniforms(seed, run, stream, 5)[0] == pytest.approx(
-        [(w + 0.5) * 2.0**-32 for w in words(seed, run, stream, 5)], abs=1e-16
+        [(output_words + 0.5) * 2.0**-32 for output_words in words(seed, run, stream, 5)], abs=1e-16
     )
 
 
@@ -110,12 +110,12 @@ def test_different_addresses_are_independent() -> None:
         (1, 2, 0),
         (1 + 2**32, 0, 0),
     }
-    draws = np.concatenate([normals(*a, STEPS).T for a in sorted(addresses)])
+    draws = np.concatenate([normals(*address, STEPS).T for address in sorted(addresses)])
     draws = np.concatenate([draws, normals(1, 0, 0, STEPS + 1).T])
-    product = draws @ draws.T / DRAWS - np.eye(len(draws))
+    covariance = draws @ draws.T / DRAWS - np.eye(len(draws))
     # One pair of rows is the same noise a step later; all others, and this one, must be
     # uncorrelated.
-    assert np.abs(product).max() < 5 / math.sqrt(DRAWS)
+    assert np.abs(covariance).max() < 5 / math.sqrt(DRAWS)
 
 
 def test_a_draw_is_the_same_alone_and_among_others() -> None:
@@ -132,7 +132,7 @@ def test_followers_share_the_noise_of_the_leader_only() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "run", "stream", "steps", "named"),
+    ("seed", "run", "stream", "steps", "faulty_part"),
     [
         (-1, 0, 0, 0, "seed"),
         (2**64, 0, 0, 0, "seed"),
@@ -140,39 +140,46 @@ def test_followers_share_the_noise_of_the_leader_only() -> None:
         (0, 0, -1, 0, "stream"),
     ],
 )
-def test_an_address_out_of_range_is_named(
-    seed: int, run: int, stream: int, steps: int, named: str
+def test_the_part_of_an_address_that_is_out_of_range_is_named(
+    seed: int, run: int, stream: int, steps: int, faulty_part: str
 ) -> None:
-    with pytest.raises(ValueError, match=named):
+    with pytest.raises(ValueError, match=faulty_part):
         normals(seed, run, stream, steps)
 
 
-def test_no_two_draws_share_a_stream() -> None:
+def test_no_two_kinds_of_noise_share_a_stream() -> None:
     assert (
         len({int(stream) for stream in Stream.__members__.values()}) == len(Stream.__members__) > 8
     )
 
 
 def test_no_two_receivers_share_a_number_and_all_hear_the_same_leader() -> None:
-    """Of 200 followers and the leader, on as many links as a scenario may have."""
+    """For the most followers and the leader, on as many links as a scenario may have: streams of
+    receivers and of looks at vehicles nearby differ, errors of the leader's motion are the same for
+    all receivers.
+    """
     links = range(1 + 1 + 8)  # the main one, the leader's broadcast beside it, and those of tables
     receivers = [*range(MAX_FOLLOWERS), noise.LEADER_NUMBER]
     assert len(links) <= noise.MAX_LINKS
     numbers = [link * noise.RECEIVERS + receiver for link in links for receiver in receivers]
-    looks = [
+    streams_of_looks = [
         noise.number_of_look(follower, vehicle)
         for follower in range(MAX_FOLLOWERS)
         for vehicle in range(MAX_FOLLOWERS + 1)
     ]
-    own = [noise.STREAMS * number + stream for number in numbers for stream in range(Stream.NEARBY)]
-    assert len(set(own)) == len(own)
-    assert len(set(looks)) == len(looks)
-    assert set(own).isdisjoint(looks)
+    streams_of_receivers = [
+        noise.STREAMS * number + stream for number in numbers for stream in range(Stream.NEARBY)
+    ]
+    assert len(set(streams_of_receivers)) == len(streams_of_receivers)
+    assert len(set(streams_of_looks)) == len(streams_of_looks)
+    assert set(streams_of_receivers).isdisjoint(streams_of_looks)
     assert noise.number_of_look(3, 5) == noise.STREAMS * 3 + Stream.NEARBY + 5
     for link in links:
         addresses = [
             Address(np.uint64(1), np.uint64(0), link * noise.RECEIVERS + receiver, 7)
             for receiver in receivers
         ]
-        assert len({noise.normals_at(at, Stream.LEADER_MOTION) for at in addresses}) == 1
-        assert len({noise.normals_at(at, Stream.DEPTH) for at in addresses}) == len(receivers)
+        assert len({noise.normals_at(address, Stream.LEADER_MOTION) for address in addresses}) == 1
+        assert len({noise.normals_at(address, Stream.DEPTH) for address in addresses}) == len(
+            receivers
+        )

@@ -1,4 +1,4 @@
-"""What sensors see of a mission before they err: written out for vehicles on circles."""
+"""What sensors measure of a mission without their errors: formulas of vehicles on circles."""
 
 import tracemalloc
 from dataclasses import replace
@@ -13,62 +13,68 @@ from sim.sensing.sensors import errors_of
 from sim.trajectory import OF_VEHICLES
 from tests import synthetic
 
-DEEPER_M = 0.05
-"""How far the depth sensor of the follower is below its origin."""
+DEPTH_SENSOR_BELOW_M = 0.05
+"""Distance of the follower's depth sensor below its origin [m]."""
 
 
 @pytest.mark.parametrize(("step", "interval"), [(0.1, 1.0), (0.2, 2.0)])
 def test_truth_is_that_of_the_motion_at_filter_steps_and_messages(
     step: float, interval: float
 ) -> None:
-    """The second follower; instants, headings and places are those of the formulas."""
+    """For the second follower; times, headings and positions by the formulas of `synthetic`."""
     scenario = synthetic.make_scenario(20.0, 2, filter_step=step, message_interval=interval)
-    flown = synthetic.make_trajectory(scenario)
-    offset = flown.site_offset.copy()
-    offset[flown.site("follower2/depth_sensor")] = 0.0, 0.0, -DEEPER_M
-    flown = replace(flown, site_offset=offset)
-    truth = observe(flown, SensingSettings.of(scenario), 1)
+    trajectory = synthetic.make_trajectory(scenario)
+    offset = trajectory.site_offset.copy()
+    offset[trajectory.site("follower2/depth_sensor")] = 0.0, 0.0, -DEPTH_SENSOR_BELOW_M
+    trajectory = replace(trajectory, site_offset=offset)
+    truth = observe(trajectory, SensingSettings.of(scenario), 1)
     steps = np.arange(1, round(20.0 / step) + 1)
-    at, rows = steps * step, steps * round(step / 0.1)
+    time, ticks = steps * step, steps * round(step / 0.1)
     radius = synthetic.LEADER_RADIUS_M + 2 * synthetic.LANE_M
-    angle = at / synthetic.LEADER_RADIUS_M - synthetic.LAG_RAD
-    tilt = [
-        np.deg2rad(3.0) * np.sin(0.4 * at + 2.0),
-        np.deg2rad(2.0) * np.cos(0.7 * (0.4 * at + 2.0)),
+    angle = time / synthetic.LEADER_RADIUS_M - synthetic.LAG_RAD
+    pitch_roll = [
+        np.deg2rad(3.0) * np.sin(0.4 * time + 2.0),
+        np.deg2rad(2.0) * np.cos(0.7 * (0.4 * time + 2.0)),
     ]
     assert truth.heading == pytest.approx(np.mod(np.pi / 2 - angle, 2 * np.pi))
-    ahead = np.column_stack(
-        [np.cos(tilt[0]) * np.cos(angle), np.cos(tilt[0]) * np.sin(angle), np.sin(tilt[0])]
+    forward = np.column_stack(
+        [
+            np.cos(pitch_roll[0]) * np.cos(angle),
+            np.cos(pitch_roll[0]) * np.sin(angle),
+            np.sin(pitch_roll[0]),
+        ]
     )
-    through = flown.velocity[rows, 2] - [0.10, -0.05, 0.0]
-    assert truth.speed == pytest.approx(np.sum(ahead * through, axis=1))
-    upright = np.cos(tilt[0]) * np.cos(tilt[1])
-    assert truth.depth == pytest.approx(11.0 - 0.1 * np.cos(0.4 * at + 2.0) + DEEPER_M * upright)
+    velocity_through_water = trajectory.velocity[ticks, 2] - [0.10, -0.05, 0.0]
+    assert truth.speed == pytest.approx(np.sum(forward * velocity_through_water, axis=1))
+    up_component = np.cos(pitch_roll[0]) * np.cos(pitch_roll[1])
+    assert truth.depth == pytest.approx(
+        11.0 - 0.1 * np.cos(0.4 * time + 2.0) + DEPTH_SENSOR_BELOW_M * up_component
+    )
     # the hydrophone sits 0.1 m above the axis and leans with the hull
-    place = radius * np.column_stack([np.sin(angle), -np.cos(angle)]) + [
+    on_axis = radius * np.column_stack([np.sin(angle), -np.cos(angle)]) + [
         0.0,
         synthetic.LEADER_RADIUS_M,
     ]
     assert (
-        np.abs(truth.hydrophone - place).max()
-        < 0.1 * np.sin(np.hypot(*np.max(np.abs(tilt), axis=1))) + 1e-9
+        np.abs(truth.hydrophone - on_axis).max()
+        < 0.1 * np.sin(np.hypot(*np.max(np.abs(pitch_roll), axis=1))) + 1e-9
     )
-    assert truth.leader_position == pytest.approx(flown.position[rows, 0, :2])
+    assert truth.leader_position == pytest.approx(trajectory.position[ticks, 0, :2])
     sent = np.arange(interval, 20.0 + 1e-9, interval)
-    leader = sent / synthetic.LEADER_RADIUS_M
+    leader_angle = sent / synthetic.LEADER_RADIUS_M
     assert truth.sent.timestamp == pytest.approx(sent)
     assert truth.message_step == pytest.approx(sent / step)
-    assert truth.sent.heading == pytest.approx(np.mod(np.pi / 2 - leader, 2 * np.pi))
+    assert truth.sent.heading == pytest.approx(np.mod(np.pi / 2 - leader_angle, 2 * np.pi))
     assert np.column_stack([truth.sent.east, truth.sent.north]) == pytest.approx(
-        flown.position[np.round(sent / 0.1).astype(int), 0, :2]
+        trajectory.position[np.round(sent / 0.1).astype(int), 0, :2]
     )
     assert truth.sent.depth == pytest.approx(8.0 - 0.1 * np.cos(0.4 * sent))
     assert truth.sent.speed == pytest.approx(
-        flown.forward_speed[np.round(sent / 0.1).astype(int), 0]
+        trajectory.forward_speed[np.round(sent / 0.1).astype(int), 0]
     )
-    through_water = flown.velocity[0, 2, :2] - [0.10, -0.05]
-    assert start_of(flown, 1)[2:] == pytest.approx(through_water)
-    assert np.hypot(*(start_of(flown, 1)[:2] - flown.position[0, 2, :2])) < 0.01
+    start_velocity = trajectory.velocity[0, 2, :2] - [0.10, -0.05]
+    assert start_of(trajectory, 1)[2:] == pytest.approx(start_velocity)
+    assert np.hypot(*(start_of(trajectory, 1)[:2] - trajectory.position[0, 2, :2])) < 0.01
 
 
 def test_errors_are_those_of_the_scenario_in_si_units() -> None:
@@ -138,31 +144,33 @@ def test_errors_are_those_of_the_scenario_in_si_units() -> None:
 
 
 def test_a_motion_is_observed_from_its_start() -> None:
-    """The leader's attitude errs by what was before."""
+    """A motion that begins later is refused: errors of the leader's attitude depend on its past."""
     scenario = synthetic.make_scenario(20.0)
-    whole = synthetic.make_trajectory(scenario)
-    over_time = ("time", *OF_VEHICLES)
-    later = replace(whole, **{name: getattr(whole, name)[80:] for name in over_time})
+    trajectory = synthetic.make_trajectory(scenario)
+    fields_over_time = ("time", *OF_VEHICLES)
+    without_start = replace(
+        trajectory, **{name: getattr(trajectory, name)[80:] for name in fields_over_time}
+    )
     with pytest.raises(ValueError, match="begins at 8 s"):
-        observe(later, SensingSettings.of(scenario))
+        observe(without_start, SensingSettings.of(scenario))
 
 
 def test_sensing_a_long_mission_takes_less_memory_than_the_mission_itself() -> None:
-    """Ten hours: values between the trajectory and what is sensed are made in blocks."""
+    """For ten hours: intermediate values are computed in blocks."""
     scenario = synthetic.make_scenario(36_000.0, 1)
-    flown = synthetic.make_trajectory(scenario)
-    held = sum(getattr(flown, name).nbytes for name in OF_VEHICLES)
+    trajectory = synthetic.make_trajectory(scenario)
+    mission_bytes = sum(getattr(trajectory, name).nbytes for name in OF_VEHICLES)
     tracemalloc.start()
     try:
-        observe(flown, SensingSettings.of(scenario))
-        assert tracemalloc.get_traced_memory()[1] < held
+        observe(trajectory, SensingSettings.of(scenario))
+        assert tracemalloc.get_traced_memory()[1] < mission_bytes
     finally:
         tracemalloc.stop()
 
 
 def test_compiled_code_senses_the_bits_that_python_does() -> None:
-    """Everything that may happen to a message at once; a campaign senses in bulk what a flight
-    senses alone.
+    """With echoes, losses, refraction and all errors: a campaign, which is compiled, senses what a
+    single flight does.
     """
     acoustics = Acoustics(
         travel_time=True,
@@ -191,20 +199,21 @@ def test_compiled_code_senses_the_bits_that_python_does() -> None:
     scenario = scenario.model_copy(
         update={"acoustics": acoustics, "sensors": sensors, "leader": leader}
     )
-    flown = synthetic.make_trajectory(scenario)
-    alone, bulk = (
-        observe(flown, SensingSettings.of(scenario), 1, use_compiled=use_compiled)
+    trajectory = synthetic.make_trajectory(scenario)
+    by_python, by_compiled = (
+        observe(trajectory, SensingSettings.of(scenario), 1, use_compiled=use_compiled)
         for use_compiled in (False, True)
     )
-    assert len(alone.message_step) > 50
+    assert len(by_python.message_step) > 50
     errors = errors_of(SensingSettings.of(scenario), 1)
-    actual = [
-        measure(truth, errors, seed=5, run=3, follower=1, use_compiled=truth is bulk)
-        for truth in (alone, bulk)
+    measured = [
+        measure(truth, errors, seed=5, run=3, follower=1, use_compiled=truth is by_compiled)
+        for truth in (by_python, by_compiled)
     ]
-    for one, other in ((alone, bulk), actual):
-        for name, value in vars(one).items():
+    for expected, actual in ((by_python, by_compiled), measured):
+        for name, value in vars(expected).items():
             if isinstance(value, np.ndarray):
-                assert value.tobytes() == getattr(other, name).tobytes(), name
-    assert np.isnan(actual[0].ranges).any()
-    assert np.isfinite(actual[0].message[:, 6:8]).all()
+                assert value.tobytes() == getattr(actual, name).tobytes(), name
+    assert np.isnan(measured[0].ranges).any()
+    # columns of the leader's pitch and roll
+    assert np.isfinite(measured[0].message[:, 6:8]).all()

@@ -31,26 +31,29 @@ PITCH, RATES = 0.1, (0.02, -0.03, 0.05)
 
 
 def scenario(tilt_sigma_deg: float, gyro_sigma_deg_s: float) -> Scenario:
-    """With two followers."""
+    """A scenario with two followers and these deviations of inclinometers and gyros."""
     sensors = Sensors(tilt_sigma_deg=tilt_sigma_deg, gyro_sigma_deg_s=gyro_sigma_deg_s)
-    made = make_scenario(10.0)
-    return made.model_copy(update={"sensors": sensors, "followers": made.followers * 2})
+    one_follower = make_scenario(10.0)
+    return one_follower.model_copy(
+        update={"sensors": sensors, "followers": one_follower.followers * 2}
+    )
 
 
-def standing(poses: Floats, instants: int) -> StateHistory:
-    """Vehicles that stay where they are."""
-    still = StateHistory(*(np.zeros((instants, len(poses), columns)) for columns in (7, 6, 3, 5)))
-    still.pose[:] = poses
-    return still
+def vehicles_at_rest(poses: Floats, instants: int) -> StateHistory:
+    """Poses, shape (v, 7), that stay the same at all instants."""
+    states = StateHistory(*(np.zeros((instants, len(poses), columns)) for columns in (7, 6, 3, 5)))
+    states.pose[:] = poses
+    return states
 
 
 def with_errors(sensors: SensorModel, **errors: Any) -> SensorModel:
+    """The same sensors, whose errors are set in place."""
     for name, value in errors.items():
         sensors.errors[name] = value
     return sensors
 
 
-def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
+def attitude_readings(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
     """Readings of pitch and of the turning about the up and the port axis, step by step, shape
     (steps, 3).
     """
@@ -73,14 +76,14 @@ def read(sensors: SensorModel, steps: int, follower: int = 0) -> Floats:
 
 @pytest.mark.system
 def test_perfect_instruments_read_pitch_and_the_rates_of_the_hull() -> None:
-    assert read(sensor_model_of(SensingSettings.of(scenario(0.0, 0.0))), 1)[0] == pytest.approx(
-        [PITCH, RATES[2], RATES[1]]
-    )
+    assert attitude_readings(sensor_model_of(SensingSettings.of(scenario(0.0, 0.0))), 1)[
+        0
+    ] == pytest.approx([PITCH, RATES[2], RATES[1]])
 
 
 def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> None:
     n = 2000
-    actual = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n)
+    actual = attitude_readings(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n)
     sigma = np.deg2rad([0.5, 0.1, 0.1])
     # five standard deviations of a mean, and of a standard deviation
     assert np.all(
@@ -88,16 +91,20 @@ def test_sensor_errors_have_the_scenarios_deviations_and_are_independent() -> No
     )
     assert actual.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
     assert np.abs(np.corrcoef(actual.T) - np.eye(3)).max() < 5 / np.sqrt(n)
-    other = read(sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n, follower=1)
+    of_other_follower = attitude_readings(
+        sensor_model_of(SensingSettings.of(scenario(0.5, 0.1))), n, follower=1
+    )
     assert np.abs(
-        [np.corrcoef(a, b)[0, 1] for a, b in zip(actual.T, other.T, strict=True)]
+        [np.corrcoef(a, b)[0, 1] for a, b in zip(actual.T, of_other_follower.T, strict=True)]
     ).max() < 5 / np.sqrt(n)
 
 
 def test_one_follower_has_errors_of_its_own() -> None:
-    """Its compass, log and inclinometer; the other follower reads the same bits as without them."""
-    plain = scenario(0.0, 0.0)
-    own = plain.followers[0].model_copy(
+    """Compass, log and inclinometer of the second have errors; the first reads the same bits as
+    without them.
+    """
+    without_errors = scenario(0.0, 0.0)
+    erring_follower = without_errors.followers[0].model_copy(
         update={
             "sensors": VehicleSensors(
                 heading_bias_deg=-12.0,
@@ -108,16 +115,18 @@ def test_one_follower_has_errors_of_its_own() -> None:
             )
         }
     )
-    changed = plain.model_copy(update={"followers": (plain.followers[0], own)})
+    with_errors_of_second = without_errors.model_copy(
+        update={"followers": (without_errors.followers[0], erring_follower)}
+    )
     pose, twist = (
         np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)],
         np.r_[np.sin(1.0), np.cos(1.0), 0.0, 0.0, 0.0, 0.0],
     )
     readings = records(READING, 2, 2)
-    for i, variant in enumerate((plain, changed)):
+    for i, world in enumerate((without_errors, with_errors_of_second)):
         for follower in range(2):
             read_instruments(
-                sensor_model_of(SensingSettings.of(variant)),
+                sensor_model_of(SensingSettings.of(world)),
                 7,
                 follower,
                 (pose, twist, np.zeros(3)),
@@ -125,7 +134,10 @@ def test_one_follower_has_errors_of_its_own() -> None:
                 numbers_of(readings)[i, follower],
             )
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
-    tilt = np.deg2rad(1.0) * normals(plain.seed, plain.run, Stream.TILT.number(1), [7])[0, 0]
+    tilt = (
+        np.deg2rad(1.0)
+        * normals(without_errors.seed, without_errors.run, Stream.TILT.number(1), [7])[0, 0]
+    )
     assert readings[1, 1].tolist() == pytest.approx(
         [0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12
     )
@@ -133,10 +145,10 @@ def test_one_follower_has_errors_of_its_own() -> None:
 
 @pytest.mark.system
 @pytest.mark.parametrize("centre", [0.0, 0.5])
-@pytest.mark.parametrize("used", [2, 3])
-def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> None:
-    """Equation 28 written out, with a τ of its own for each transmitter and the draws of step,
-    run and follower.
+@pytest.mark.parametrize("transmitters_used", [2, 3])
+def test_each_range_has_the_error_of_its_own_ping(transmitters_used: int, centre: float) -> None:
+    """By Equation 28 of the paper with another τ for each transmitter and the draws of step, run
+    and follower. `centre` is subtracted from the uniform draws.
     """
     taus, (mean, sigma), seed, run = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5
     sensors = sensor_model_of(
@@ -149,7 +161,7 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
         range_scale_mean=mean,
         range_scale_sigma=sigma,
     )
-    sensors = sensors._replace(transmitters=np.full(2, used))
+    sensors = sensors._replace(transmitters=np.full(2, transmitters_used))
     transmitters = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
     hydrophones = np.full((2, 3), [0.0, 0.0, 0.1])
     # the leader heads east, the second follower north
@@ -160,9 +172,9 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
             np.r_[-30.0, 20.0, -10.0, attitude.from_euler(0.0)],
         ]
     )
-    away = np.array([-30.0, 20.0, -1.9]) - transmitters
-    true = np.linalg.norm(away, axis=1)
-    truth, inbox = standing(poses, 21), new_inbox(2, 10)
+    offset = np.array([-30.0, 20.0, -1.9]) - transmitters
+    true = np.linalg.norm(offset, axis=1)
+    truth, inbox = vehicles_at_rest(poses, 21), new_inbox(2, 10)
     for k in (10, 20):
         receive(
             sensors,
@@ -175,20 +187,27 @@ def test_each_range_has_the_error_of_its_own_ping(used: int, centre: float) -> N
         )
         assert inbox.outcome.tolist() == [0, RECEIVED]
         actual = inbox.ranges[1]
-        drawn = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
+        draws = uniforms(seed, run, Stream.RANGE_UNIFORM.number(1), [k])[0]
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(1), [k])[0, 0]
-        far = np.array([true[:used].max()] * 2 + [true.max()])
+        longest = np.array([true[:transmitters_used].max()] * 2 + [true.max()])
         assert actual == pytest.approx(
-            true + taus * (drawn[:3] - centre) + psi * true / far, abs=1e-9
+            true + taus * (draws[:3] - centre) + psi * true / longest, abs=1e-9
         )
 
 
-@pytest.mark.parametrize("common", [False, True])
-def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_sound_reaches(
-    common: bool,
+@pytest.mark.parametrize("common_echoes", [False, True])
+def test_ranges_have_echoes_clock_errors_losses_and_a_maximum_range(
+    common_echoes: bool,
 ) -> None:
-    """All that may happen to a range, written out for 60 messages in a row."""
-    taus, (mean, sigma), seed, run, floor, reach = (0.1, 0.2, 0.4), (0.3, 0.05), 2, 5, 35.0, 45.2
+    """All errors of a range at once, by their formulas, for 60 successive messages."""
+    taus, (mean, sigma), seed, run, floor, max_range = (
+        (0.1, 0.2, 0.4),
+        (0.3, 0.05),
+        2,
+        5,
+        35.0,
+        45.2,
+    )
     sensors = sensor_model_of(
         SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
     )
@@ -199,7 +218,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         range_scale_sigma=sigma,
         surface_echo_probability=0.3,
         bottom_echo_probability=0.2,
-        common_echoes=common,
+        common_echoes=common_echoes,
         loss_probability=0.1,
         burst_probability=0.25,
         burst_mean_messages=3.0,
@@ -209,7 +228,7 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         sound=sensors.sound._replace(
             paths=(True, True, True),
             rays=sensors.sound.rays._replace(floor=LevelFloor(floor)),
-            max_range=reach,
+            max_range=max_range,
             ratio=1.01,
             assumed_speed=1515.0,
             clock_offset=2e-4,
@@ -217,17 +236,26 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         ),
     )
     transmitters = np.array([[-1.0, 0.0, 0.2], [1.0, 0.0, 0.2], [0.0, 0.1, -0.1]])
-    leader = attitude.from_euler(np.pi / 2, PITCH, 0.2)
+    leader_attitude = attitude.from_euler(np.pi / 2, PITCH, 0.2)
     poses = np.array(
-        [np.r_[0.0, 0.0, -8.0, leader], np.r_[-36.0, 27.0, -10.0, attitude.from_euler(0.0)]]
+        [
+            np.r_[0.0, 0.0, -8.0, leader_attitude],
+            np.r_[-36.0, 27.0, -10.0, attitude.from_euler(0.0)],
+        ]
     )
-    there, sources = (
+    hydrophone, sources = (
         poses[1, :3] + [0.0, 0.0, 0.1],
-        poses[0, :3] + attitude.rotate(leader, transmitters),
+        poses[0, :3] + attitude.rotate(leader_attitude, transmitters),
     )
-    direct = np.linalg.norm(sources - there, axis=1)
-    assert direct.min() < reach < direct.max(), "one transmitter is out of reach"
-    truth, inbox, state, received, in_bursts = standing(poses, 601), new_inbox(1, 10), False, [], 0
+    direct = np.linalg.norm(sources - hydrophone, axis=1)
+    assert direct.min() < max_range < direct.max(), "one transmitter is out of reach"
+    truth, inbox, in_burst, received, steps_in_bursts = (
+        vehicles_at_rest(poses, 601),
+        new_inbox(1, 10),
+        False,
+        [],
+        0,
+    )
     for k in range(10, 610, 10):
         receive(
             sensors,
@@ -241,37 +269,41 @@ def test_a_ping_is_received_by_echo_late_clock_and_broken_channel_as_far_as_soun
         actual, any_received = inbox.ranges[0], inbox.outcome[0] == RECEIVED
         assert any_received or inbox.outcome[0] == NO_RANGES
         streams = Stream.ECHO, Stream.RANGE_UNIFORM, Stream.LOSS
-        echo, width, fate = (
+        echo_draw, range_draw, loss_draw = (
             uniforms(seed, run, stream.number(0), [k])[0, :3] for stream in streams
         )
-        echo = np.full(3, echo[0]) if common else echo
+        echo_draw = np.full(3, echo_draw[0]) if common_echoes else echo_draw
         # mirrored in the surface, in the floor or not at all
-        height = np.where(
-            echo < 0.3,
+        image_height = np.where(
+            echo_draw < 0.3,
             -sources[:, 2],
-            np.where(echo < 0.5, -2 * floor - sources[:, 2], sources[:, 2]),
+            np.where(echo_draw < 0.5, -2 * floor - sources[:, 2], sources[:, 2]),
         )
-        length = np.hypot(np.hypot(*(sources - there)[:, :2].T), height - there[2])
+        path_length = np.hypot(
+            np.hypot(*(sources - hydrophone)[:, :2].T), image_height - hydrophone[2]
+        )
         expected = np.where(
-            direct <= reach, 1.01 * length + 1515.0 * (2e-4 + 1e-6 * k * sensors.dt), np.nan
+            direct <= max_range,
+            1.01 * path_length + 1515.0 * (2e-4 + 1e-6 * k * sensors.dt),
+            np.nan,
         )
         psi = mean + sigma * normals(seed, run, Stream.RANGE_SCALE.number(0), [k])[0, 0]
-        expected += taus * width + psi * expected / np.nanmax(expected)
-        # a burst of three messages on average is left with a chance of a third
-        state = fate[0] >= 1 / 3 if state else fate[0] < 0.25
-        if fate[1] < (0.8 if state else 0.1):
+        expected += taus * range_draw + psi * expected / np.nanmax(expected)
+        # a burst of three messages on average ends with a probability of a third
+        in_burst = loss_draw[0] >= 1 / 3 if in_burst else loss_draw[0] < 0.25
+        if loss_draw[1] < (0.8 if in_burst else 0.1):
             expected[:] = np.nan
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-9)
         assert any_received == bool(np.isfinite(expected).any())
         received.append(any_received)
-        in_bursts += state
-    assert 10 < in_bursts < 50
+        steps_in_bursts += in_burst
+    assert 10 < steps_in_bursts < 50
     assert 10 < sum(received) < 50
 
 
-def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
-    """Bias and spread of each, with the draws of step, run and follower; the log measures the
-    water along the hull.
+def test_log_compass_and_depth_sensor_err_by_equations_26_and_27() -> None:
+    """Bias and deviation of each, with the draws of step, run and follower; the log measures the
+    speed through the water along the hull.
     """
     seed, run, k = 2, 5, 30
     sensors = sensor_model_of(
@@ -285,7 +317,7 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
         0.01,
     )
     errors.depth_sigma = 0.3
-    turned = attitude.from_euler(1.0, PITCH, 0.2)
+    quaternion = attitude.from_euler(1.0, PITCH, 0.2)
     twist, water, readings = (
         np.r_[0.9, 0.7, 0.2, RATES],
         np.array([0.1, -0.2, 0.05]),
@@ -296,15 +328,15 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
         sensors,
         k,
         1,
-        (np.r_[3.0, 4.0, -10.0, turned], twist, water),
+        (np.r_[3.0, 4.0, -10.0, quaternion], twist, water),
         np.array([0.5, 0.0, 0.0]),
         numbers_of(readings)[0],
     )
     motion, depth = (
-        normals(seed, run, s.number(1), [k])[0] for s in (Stream.OWN_MOTION, Stream.DEPTH)
+        normals(seed, run, stream.number(1), [k])[0] for stream in (Stream.OWN_MOTION, Stream.DEPTH)
     )
     assert reading.speed == pytest.approx(
-        attitude.forward_of(turned) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0]
+        attitude.forward_of(quaternion) @ (twist[:3] - water) + 0.1 + 0.02 * motion[0]
     )
     assert reading.heading == pytest.approx(1.0 + 0.05 + 0.01 * abs(motion[1]))
     assert reading.depth == pytest.approx(10.0 - 0.5 * np.sin(PITCH) + 0.3 * depth[0])
@@ -314,16 +346,18 @@ def test_log_compass_and_pressure_err_by_equations_26_and_27() -> None:
         sensors,
         k,
         1,
-        (np.r_[3.0, 4.0, -10.0, turned], twist, water),
+        (np.r_[3.0, 4.0, -10.0, quaternion], twist, water),
         np.zeros(3),
         numbers_of(readings)[0],
     )
-    tilt, gyro = (normals(seed, run, s.number(1), [k])[0] for s in (Stream.TILT, Stream.GYRO))
+    tilt, gyro = (
+        normals(seed, run, stream.number(1), [k])[0] for stream in (Stream.TILT, Stream.GYRO)
+    )
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
     assert reading.tolist()[3:] == pytest.approx(expected)
 
 
-def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
+def test_a_leader_broadcasts_its_position_motion_and_attitude() -> None:
     seed, run, k = 2, 5, 40
     sensors = sensor_model_of(
         SensingSettings.of(scenario(0.0, 0.0).model_copy(update={"seed": seed, "run": run}))
@@ -346,27 +380,27 @@ def test_a_leader_broadcasts_its_place_motion_and_attitude() -> None:
         ]
     )
     truth, inbox, sites = (
-        standing(poses, k + 1),
+        vehicles_at_rest(poses, k + 1),
         new_inbox(1, 10, sent_before=3),
         Sites(np.zeros((3, 3)), np.zeros((1, 3))),
     )
     truth.twist[k, 0] = 0.9, 0.7, 0.2, *RATES
     receive(sensors, k, 0, sites, Motion(truth, 0.0, k), np.full((k + 1, 2), (0.02, -0.03)), inbox)
     streams = (Stream.LEADER_MOTION, Stream.LEADER_DEPTH, Stream.LEADER_ATTITUDE)
-    motion, depth, tilt = (normals(seed, run, s, [k])[0] for s in streams)
-    offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
-    place = 0.7 * normals(seed, run, Stream.LEADER_POSITION, [k])[0]
-    # a walk from the start on, in steps of the filter
-    walked = normals(seed, run, Stream.LEADER_POSITION_WALK, range(1, k + 1)).sum(axis=0)
-    place += 0.2 * np.sqrt(sensors.dt) * walked
+    motion, depth, tilt = (normals(seed, run, stream, [k])[0] for stream in streams)
+    attitude_offset = normals(seed, run, Stream.LEADER_ATTITUDE, [0])[0]
+    position_error = 0.7 * normals(seed, run, Stream.LEADER_POSITION, [k])[0]
+    # a random walk from the start, with a draw for each filter step
+    random_walk = normals(seed, run, Stream.LEADER_POSITION_WALK, range(1, k + 1)).sum(axis=0)
+    position_error += 0.2 * np.sqrt(sensors.dt) * random_walk
     expected = [
         k * sensors.dt,
-        3.0 + place[0],
-        4.0 + place[1],
+        3.0 + position_error[0],
+        4.0 + position_error[1],
         1.0 + 0.05 + 0.01 * abs(motion[1]),
         attitude.forward_of(poses[0, 3:]) @ truth.twist[k, 0, :3] + 0.1,
         9.0 + 0.3 * depth[0],
-        PITCH + 0.02 + 0.001 * offset[0] + 0.002 * tilt[0],
-        0.2 - 0.03 + 0.001 * offset[1] + 0.002 * tilt[1],
+        PITCH + 0.02 + 0.001 * attitude_offset[0] + 0.002 * tilt[0],
+        0.2 - 0.03 + 0.001 * attitude_offset[1] + 0.002 * tilt[1],
     ]
     assert inbox.message[0].tolist() == pytest.approx([*expected, np.nan, np.nan], nan_ok=True)

@@ -1,5 +1,5 @@
-"""What a follower senses nearby: positions in closed form, errors by their moments, noise by its
-address.
+"""Sensing of vehicles nearby: ranges and bearings in closed form, errors by their moments, noise by
+its address.
 """
 
 import numpy as np
@@ -14,34 +14,40 @@ from sim.sensing.proximity import SIGHTING, look_interval, sense_neighbours
 STEPS = 4000
 
 
-def sensor(run: int = 0, **keys: float) -> Scenario:
+def scenario_with_proximity(run: int = 0, **keys: float) -> Scenario:
+    """A scenario whose follower has the proximity sensor with these settings."""
     followers = [{"station": {"behind_m": 20.0, "depth_m": 12.0}}]
     return Scenario(name="s", seed=5, run=run, followers=followers, formation={"proximity": keys})
 
 
-EXACT = {"range_sigma_m": 0.0, "bearing_sigma_deg": 0.0}
+NO_NOISE = {"range_sigma_m": 0.0, "bearing_sigma_deg": 0.0}
 
 
-def poses(*places: tuple[float, float, float], heading: float = 0.0) -> Floats:
-    """Vehicles at places, all with one heading [rad]."""
-    quaternion = attitude.from_euler(np.full(len(places), heading))
-    return np.column_stack([np.array(places), quaternion])
+def poses(*positions: tuple[float, float, float], heading: float = 0.0) -> Floats:
+    """Poses of vehicles at these positions [m], all with one heading [rad], shape (v, 7)."""
+    quaternion = attitude.from_euler(np.full(len(positions), heading))
+    return np.column_stack([np.array(positions), quaternion])
 
 
-def seen(s: Scenario, follower: int, at: Floats, k: int = 1) -> Floats:
-    """Ranges and bearings, shape (v, 2)."""
-    assert s.formation.proximity
-    out = records(SIGHTING, at.shape[0])
+def sighted(scenario: Scenario, follower: int, vehicles: Floats, tick: int = 1) -> Floats:
+    """Range [m] and bearing [rad] of each vehicle as a follower senses it, shape (v, 2)."""
+    assert scenario.formation.proximity
+    sightings = records(SIGHTING, vehicles.shape[0])
     sense_neighbours(
-        (np.uint64(s.seed), np.uint64(s.run)), s.formation.proximity.record(), k, follower, at, out
+        (np.uint64(scenario.seed), np.uint64(scenario.run)),
+        scenario.formation.proximity.record(),
+        tick,
+        follower,
+        vehicles,
+        sightings,
     )
-    return np.column_stack([out.range, out.bearing])
+    return np.column_stack([sightings.range, sightings.bearing])
 
 
-def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
+def test_range_and_bearing_are_those_between_the_hulls_centres() -> None:
     """The follower heads east: what is 3 m east and 4 m north of it is 53.13° to port, 5 m away."""
-    actual = seen(
-        sensor(range_m=6.0, **EXACT),
+    actual = sighted(
+        scenario_with_proximity(range_m=6.0, **NO_NOISE),
         0,
         poses((3.0, 4.0, -10.0), (0, 0, -10), (0, -2, -10), heading=np.pi / 2),
     )
@@ -51,7 +57,7 @@ def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "received"),
+    ("position", "is_sensed"),
     [
         ((4.99, 0, -10), True),
         ((5.01, 0, -10), False),
@@ -61,18 +67,23 @@ def test_range_and_bearing_are_those_of_the_hulls_middles() -> None:
         ((0, 4, -9.31), True),
     ],
 )
-def test_it_reaches_to_its_range_within_its_fan(
-    place: tuple[float, float, float], received: bool
+def test_the_sensor_sees_up_to_its_range_within_its_fan(
+    position: tuple[float, float, float], is_sensed: bool
 ) -> None:
     """A fan of 20° opens by 4 m tan 10° = 0.705 m at 4 m."""
-    actual = seen(sensor(**EXACT), 0, poses((90, 90, -10), (0, 0, -10), place))
-    assert np.isfinite(actual[2]).all() == received
+    actual = sighted(
+        scenario_with_proximity(**NO_NOISE), 0, poses((90, 90, -10), (0, 0, -10), position)
+    )
+    assert np.isfinite(actual[2]).all() == is_sensed
 
 
-def test_errors_have_the_spread_of_the_data_sheet_and_no_bias() -> None:
-    s = sensor(range_sigma_m=0.2, bearing_sigma_deg=4.0)
-    at = poses((90, 90, -10), (0, 0, -10), (3, 0, -10))
-    actual = np.array([seen(s, 0, at, k)[2] for k in range(1, STEPS + 1)]) - [3.0, np.pi / 2]
+def test_errors_have_the_deviations_of_the_scenario_and_no_bias() -> None:
+    scenario = scenario_with_proximity(range_sigma_m=0.2, bearing_sigma_deg=4.0)
+    vehicles = poses((90, 90, -10), (0, 0, -10), (3, 0, -10))
+    actual = np.array([sighted(scenario, 0, vehicles, k)[2] for k in range(1, STEPS + 1)]) - [
+        3.0,
+        np.pi / 2,
+    ]
     sigma = np.array([0.2, np.deg2rad(4.0)])
     # six standard errors of a mean and of a standard deviation
     np.testing.assert_array_less(np.abs(actual.mean(axis=0)), 6 * sigma / np.sqrt(STEPS))
@@ -84,23 +95,26 @@ def test_the_error_of_a_look_at_a_vehicle_depends_on_no_other() -> None:
     """Follower 1 looks at vehicle 3 with the draws of its own stream for that, independently of
     other vehicles.
     """
-    s = sensor(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
+    scenario = scenario_with_proximity(run=2, range_sigma_m=0.2, bearing_sigma_deg=4.0)
     (draws,) = normals(5, 2, Stream.NEARBY.number(1) + 3, 40)
-    places = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]
-    actual = seen(s, 1, poses(*places), 40)[3]
+    positions = [(90, 90, -10), (1, 1, -10), (0, 0, -10), (3, 0, -10), (2, 2, -10)]
+    actual = sighted(scenario, 1, poses(*positions), 40)[3]
     assert actual == pytest.approx([3.0 + 0.2 * draws[0], np.pi / 2 + np.deg2rad(4.0) * draws[1]])
-    np.testing.assert_array_equal(actual, seen(s, 1, poses(*places[:4]), 40)[3])
-    assert seen(sensor(run=3, range_sigma_m=0.2), 1, poses(*places), 40)[3, 0] != actual[0]
-    assert actual[1] != seen(s, 1, poses(*places), 45)[3, 1]
+    np.testing.assert_array_equal(actual, sighted(scenario, 1, poses(*positions[:4]), 40)[3])
+    assert (
+        sighted(scenario_with_proximity(run=3, range_sigma_m=0.2), 1, poses(*positions), 40)[3, 0]
+        != actual[0]
+    )
+    assert actual[1] != sighted(scenario, 1, poses(*positions), 45)[3, 1]
 
 
 def test_no_range_is_negative() -> None:
-    s = sensor(range_sigma_m=2.0)
-    at = poses((90, 90, -10), (0, 0, -10), (0.01, 0, -10))
-    ranges = np.array([seen(s, 0, at, k)[2, 0] for k in range(1, 200)])
+    scenario = scenario_with_proximity(range_sigma_m=2.0)
+    vehicles = poses((90, 90, -10), (0, 0, -10), (0.01, 0, -10))
+    ranges = np.array([sighted(scenario, 0, vehicles, k)[2, 0] for k in range(1, 200)])
     assert ranges.min() == 0.0
 
 
-def test_who_has_no_sensor_never_looks() -> None:
+def test_the_interval_of_looks_is_in_ticks_and_0_without_a_sensor() -> None:
     assert look_interval(None) == 0
-    assert look_interval(sensor(period_s=0.5).formation.proximity) == 5
+    assert look_interval(scenario_with_proximity(period_s=0.5).formation.proximity) == 5

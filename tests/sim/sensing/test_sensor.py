@@ -1,5 +1,5 @@
-"""Sensors of users': the DVL of docs/extending.md reads the truth with its errors in open and
-closed loops, reaches `step`, and is in logs, tables and replays; wrong declarations are told.
+"""Sensors by plugins: the DVL of docs/extending.md reads the truth with its errors in open and
+closed loops, reaches `step`, and is in logs, tables and replays; wrong declarations are refused.
 """
 
 import re
@@ -30,21 +30,22 @@ from sim.trajectory import Trajectory
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
 CURRENT = {"ocean.current_speed_m_s": 0.3, "ocean.current_direction_deg": 40.0}
-EXACT = {"velocity_sigma_m_s": 0.0, "altitude_sigma_m": 0.0, "dropout": 0.0}
+NO_ERRORS = {"velocity_sigma_m_s": 0.0, "altitude_sigma_m": 0.0, "dropout": 0.0}
 STEPS = 200
 
 
-def blocks() -> dict[str, str]:
+def files_of_page() -> dict[str, str]:
+    """Texts of the page's plugins and scenarios by their file names."""
     text = PAGE.read_text("utf-8")
-    actual = re.findall(r"^```\w+\n# (\w+\.\w+)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
-    return dict(actual)
+    pattern = r"^```\w+\n# (\w+\.\w+)\n(.*?)^```"
+    return dict(re.findall(pattern, text, flags=re.DOTALL | re.MULTILINE))
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) -> Path:
     """A working directory with the files of the page, whose modules are loaded."""
     for name in ("dvl.py", "by_dvl.py", "dvl.toml"):
-        (tmp_path / name).write_text(blocks()[name], encoding="utf-8")
+        (tmp_path / name).write_text(files_of_page()[name], encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     for file in ("dvl.py", "by_dvl.py"):
         laisn_sim.load_plugin(file)
@@ -52,6 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) ->
 
 
 def fly(changes: dict[str, Any], **keys: Any) -> FlightRecord:
+    """The page's mission for STEPS filter steps, with these settings of its DVL."""
     sensor = {"sensor": "dvl:Dvl", **keys}
     flight: FlightRecord = laisn_sim.fly(
         "dvl.toml", {"duration_s": 0.1 * STEPS, "sensors.custom": [sensor], **changes}
@@ -80,7 +82,7 @@ def truth_of(trajectory: Trajectory, floor: float = 30.0) -> Floats:
 def test_a_dvl_reads_the_velocity_over_ground_and_the_altitude_at_its_own_rate(
     changes: dict[str, Any],
 ) -> None:
-    flight = fly(changes, **EXACT)
+    flight = fly(changes, **NO_ERRORS)
     readings = flight.measurements[0].custom["dvl"]
     expected = truth_of(flight.trajectory)
     assert np.isnan(readings[0::2]).all()
@@ -90,13 +92,15 @@ def test_a_dvl_reads_the_velocity_over_ground_and_the_altitude_at_its_own_rate(
 
 @pytest.mark.usefixtures("folder")
 def test_its_errors_and_dropouts_are_draws_of_its_stream() -> None:
-    """Five normals a reading: two blocks and a half of the address of run, stream and step."""
+    """Each reading takes five normals, of three blocks of two, by run, stream 20 and step."""
     changes = {"followers.0.guidance_position": "truth", "run": 3, "seed": 7}
-    noisy = fly(changes, velocity_sigma_m_s=0.02, altitude_sigma_m=0.1, dropout=0.3)
-    exact = fly(changes, **EXACT)
+    with_errors = fly(changes, velocity_sigma_m_s=0.02, altitude_sigma_m=0.1, dropout=0.3)
+    without_errors = fly(changes, **NO_ERRORS)
     steps = np.arange(2, STEPS + 1, 2)
     draws = np.hstack([normals(7, 3, 20, steps, block) for block in range(3)])[:, :5]
-    error = (noisy.measurements[0].custom["dvl"] - exact.measurements[0].custom["dvl"])[1::2]
+    error = (
+        with_errors.measurements[0].custom["dvl"] - without_errors.measurements[0].custom["dvl"]
+    )[1::2]
     lost = norm.cdf(draws[:, 4]) < 0.3
     assert 10 < lost.sum() < 50
     np.testing.assert_array_equal(np.isnan(error).all(axis=1), lost)
@@ -106,40 +110,42 @@ def test_its_errors_and_dropouts_are_draws_of_its_stream() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_it_loses_the_floor_beyond_its_range() -> None:
-    still = {"followers.0.guidance_position": "truth", "motion": "kinematic"}
-    # the follower dives at 10 m above a floor of 30 m
-    assert np.isfinite(fly(still, lock=20.5, **EXACT).measurements[0].custom["dvl"]).any()
-    lost = fly(still, lock=19.5, **EXACT)
+    kinematic = {"followers.0.guidance_position": "truth", "motion": "kinematic"}
+    # the follower is at a depth of 10 m, 20 m above the floor
+    assert np.isfinite(fly(kinematic, lock=20.5, **NO_ERRORS).measurements[0].custom["dvl"]).any()
+    lost = fly(kinematic, lock=19.5, **NO_ERRORS)
     assert np.isnan(lost.measurements[0].custom["dvl"]).all()
     # without a reading the navigator keeps the velocity of the start
     assert np.ptp(lost.estimates[0].state[:, 2:], axis=0) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_closed_loop_steers_by_it_and_reads_what_a_finished_mission_would() -> None:
+def test_a_closed_loop_steers_by_it_and_reads_what_is_computed_after_the_mission() -> None:
     flight = fly({"run": 2})
     measured = flight.measurements[0]
-    (again,) = navigate(flight.scenario, flight.trajectory).measurements
-    np.testing.assert_allclose(again.custom["dvl"], measured.custom["dvl"], rtol=0, atol=1e-9)
-    # the estimate by hand: of the last reading before each step
+    (renavigated,) = navigate(flight.scenario, flight.trajectory).measurements
+    np.testing.assert_allclose(renavigated.custom["dvl"], measured.custom["dvl"], rtol=0, atol=1e-9)
+    # the estimated eastward velocity is that of the last reading, turned by its heading
     state = flight.estimates[0].state
     forward, port = measured.custom["dvl"][:, :2].T
-    fresh = np.isfinite(forward)
+    has_reading = np.isfinite(forward)
     sine, cosine = np.sin(measured.heading), np.cos(measured.heading)
-    east = (forward * sine - port * cosine)[fresh]
-    last = np.cumsum(fresh)
-    np.testing.assert_allclose(state[last > 0, 2], east[last[last > 0] - 1], rtol=0, atol=1e-12)
+    east = (forward * sine - port * cosine)[has_reading]
+    reading_count = np.cumsum(has_reading)
+    np.testing.assert_allclose(
+        state[reading_count > 0, 2], east[reading_count[reading_count > 0] - 1], rtol=0, atol=1e-12
+    )
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_stepped_mission_shows_its_readings() -> None:
+def test_a_stepped_mission_returns_its_readings() -> None:
     changes = {"duration_s": 2.0, "sensors.custom": [{"sensor": "dvl:Dvl", "dropout": 0.0}]}
     sim = laisn_sim.Simulation("dvl.toml", changes)
-    read = []
+    readings = []
     while not sim.done:
         sim.step()
-        read.append(sim.readings["follower"].custom["dvl"])
-    np.testing.assert_array_equal(read, sim.flight().measurements[0].custom["dvl"])
+        readings.append(sim.readings["follower"].custom["dvl"])
+    np.testing.assert_array_equal(readings, sim.flight().measurements[0].custom["dvl"])
 
 
 @pytest.mark.usefixtures("folder")
@@ -173,9 +179,9 @@ def test_logs_tables_and_replays_follow_from_its_declaration() -> None:
     replay = "replay out/flight.mcap --plugin by_dvl.py --variant by_dvl:ByDvl --out again.mcap"
     result = CliRunner().invoke(app, replay.split())
     assert result.exit_code == 0, result.output
-    again = laisn_sim.navigate(flight)
+    renavigated = laisn_sim.navigate(flight)
     np.testing.assert_allclose(
-        again.estimates[0].state, flight.estimates[0].state, rtol=0, atol=1e-12
+        renavigated.estimates[0].state, flight.estimates[0].state, rtol=0, atol=1e-12
     )
 
 
@@ -188,40 +194,45 @@ def test_a_navigator_names_the_readings_that_it_needs() -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_recording_of_a_vehicle_may_hold_such_readings() -> None:
+def test_a_recording_of_a_vehicle_may_hold_readings_of_custom_sensors() -> None:
     from sim.log.reader import read_recording
 
     flight = fly({"followers.0.guidance_position": "truth", "motion": "kinematic"})
     laisn_sim.write_log(flight, "flight.mcap")
-    read = read_recording("flight.mcap").measurements
-    np.testing.assert_array_equal(read.custom["dvl"], flight.measurements[0].custom["dvl"])
-    assert read.sensors == flight.measurements[0].sensors
+    recorded = read_recording("flight.mcap").measurements
+    np.testing.assert_array_equal(recorded.custom["dvl"], flight.measurements[0].custom["dvl"])
+    assert recorded.sensors == flight.measurements[0].sensors
 
 
 @pytest.mark.system
 @pytest.mark.usefixtures("folder")
-def test_a_follower_beside_has_other_errors_and_a_study_those_of_its_flights() -> None:
-    two = [{"route": "T5", "name": "one"}, {"route": "T3", "name": "other"}]
-    changes = {"followers": two, "motion": "kinematic"}
+def test_a_second_follower_has_other_errors_and_a_study_those_of_its_flights() -> None:
+    followers = [{"route": "T5", "name": "one"}, {"route": "T3", "name": "other"}]
+    changes = {"followers": followers, "motion": "kinematic"}
     flight = fly(changes, velocity_sigma_m_s=0.02, dropout=0.0)
-    exact = fly(changes, **EXACT)
+    without_errors = fly(changes, **NO_ERRORS)
     for follower in range(2):
         error = (
-            flight.measurements[follower].custom["dvl"] - exact.measurements[follower].custom["dvl"]
+            flight.measurements[follower].custom["dvl"]
+            - without_errors.measurements[follower].custom["dvl"]
         )
         steps = np.arange(2, STEPS + 1, 2)
-        drawn = normals(1, 0, STREAMS * follower + 20, steps)
-        np.testing.assert_allclose(error[1::2, :2], 0.02 * drawn, rtol=0, atol=1e-12)
+        draws = normals(1, 0, STREAMS * follower + 20, steps)
+        np.testing.assert_allclose(error[1::2, :2], 0.02 * draws, rtol=0, atol=1e-12)
     keys = {"duration_s": 20.0, "motion": "kinematic", "followers.0.guidance_position": "truth"}
     table = laisn_sim.study(
-        "dvl.toml", set=keys, vary={"sensors.custom.0.dropout": [0.0, 0.9]}, runs=2, out="study"
+        "dvl.toml",
+        set=keys,
+        vary={"sensors.custom.0.dropout": [0.0, 0.9]},
+        errors_of_runs=2,
+        out="study",
     ).table
     sensor = [{"sensor": "dvl:Dvl", "dropout": 0.9}]
-    runs = [
+    errors_of_runs = [
         laisn_sim.errors(laisn_sim.fly("dvl.toml", keys | {"sensors.custom": sensor, "run": run}))
         for run in range(2)
     ]
-    mean = np.mean([errors["e_p_m"].mean() for errors in runs])
+    mean = np.mean([errors["e_p_m"].mean() for errors in errors_of_runs])
     assert table["e_p_mean_m"][-1] == pytest.approx(mean)
 
 
@@ -245,7 +256,9 @@ def test_listed_instruments_are_those_by_which_a_follower_steers() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ByRows:
-    """The inverted USBL as earlier versions had it: arrays with a row a filter step."""
+    """The inverted USBL with the interface of earlier versions: arrays with a row for each filter
+    step.
+    """
 
     name = "bearing"
     stream = 15
@@ -281,28 +294,31 @@ class ByReception:
 def test_sensors_of_earlier_versions_read_as_before(position: str) -> None:
     keys = {"duration_s": 10.0, "followers.0.guidance_position": position}
     ByReception.azimuths.clear()
-    old = laisn_sim.fly(
+    by_old_interface = laisn_sim.fly(
         "T5", {**keys, "sensors.custom": [{"sensor": register(ByRows)}]}, navigator=ByReception
     )
-    new = navigate(
+    by_new_interface = navigate(
         laisn_sim.load("T5", {**keys, "sensors.custom": [{"sensor": "inverted-usbl"}]}),
-        old.trajectory,
+        by_old_interface.trajectory,
     )
-    measured: Measurements = old.measurements[0]
+    measured: Measurements = by_old_interface.measurements[0]
     np.testing.assert_allclose(
-        measured.custom["bearing"], new.measurements[0].custom["bearing"], rtol=0, atol=1e-12
+        measured.custom["bearing"],
+        by_new_interface.measurements[0].custom["bearing"],
+        rtol=0,
+        atol=1e-12,
     )
     received = measured.custom["bearing"][measured.message_step - 1, 0]
     np.testing.assert_array_equal(ByReception.azimuths, received)
     # it also takes the place of the sensor of that name that a navigator needs
     usbl = {"navigation.variant": "inverted-usbl", "sensors.custom": [{"sensor": register(ByRows)}]}
-    again = laisn_sim.fly("T5", {**keys, **usbl})
-    assert np.isfinite(again.estimates[0].state).all()
-    assert not again.measurements[0].sensors["bearing"].channels
+    flight = laisn_sim.fly("T5", {**keys, **usbl})
+    assert np.isfinite(flight.estimates[0].state).all()
+    assert not flight.measurements[0].sensors["bearing"].channels
 
 
 class Probe:
-    """A sensor of which tests change one thing."""
+    """A valid sensor, of which each test changes one attribute."""
 
     name = "probe"
     stream = 30
@@ -315,7 +331,7 @@ class Probe:
         return true
 
 
-WRONG = {
+WRONG_DECLARATIONS = {
     "channels": ({"channels": {}}, "has no channels"),
     "names": ({"channels": {"a-b": "m"}}, "channel 'a-b'; expected letters"),
     "name": ({"name": "my probe"}, "name = 'my probe'"),
@@ -329,22 +345,24 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("attributes", "message"), WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize(
+    ("attributes", "message"), WRONG_DECLARATIONS.values(), ids=WRONG_DECLARATIONS
+)
 @pytest.mark.parametrize("position", ["truth", "estimate"])
-def test_a_wrong_sensor_is_told_with_what_is_expected(
+def test_a_wrong_sensor_is_refused_with_what_is_expected(
     attributes: dict[str, Any], message: str, position: str
 ) -> None:
-    made = type("Probe", (Probe,), attributes)
+    sensor = type("Probe", (Probe,), attributes)
     keys = {"duration_s": 1.0, "followers.0.guidance_position": position}
     with pytest.raises(LaisnError, match=message):
-        laisn_sim.fly("T5", {**keys, "sensors.custom": [{"sensor": register(made)}]})
+        laisn_sim.fly("T5", {**keys, "sensors.custom": [{"sensor": register(sensor)}]})
 
 
 @pytest.mark.parametrize(
     ("attributes", "message"),
     [({"stream": 31}, "both named 'probe'"), ({"name": "other"}, "both have stream = 30")],
 )
-def test_two_sensors_have_names_and_noise_of_their_own(
+def test_two_sensors_with_one_name_or_one_stream_of_noise_are_refused(
     attributes: dict[str, Any], message: str
 ) -> None:
     other = type("Other", (Probe,), attributes)
@@ -384,9 +402,11 @@ class TravelTime(Sensor):
         return true
 
 
-def test_a_sensor_meets_the_sound_of_the_sea_in_open_and_closed_loops(no_plugins: None) -> None:
-    """A stepped mission is a closed loop: what it reads is what a finished mission reads, also on
-    the leader, in water whose speed of sound is 1400 m/s everywhere but for a little.
+def test_a_sensor_is_given_the_speed_of_sound_of_the_scenario_in_open_and_closed_loops(
+    no_plugins: None,
+) -> None:
+    """Of 1400 to 1401 m/s. A stepped mission, which is a closed loop, reads the same as a finished
+    one; on the leader the sensor reads the travel time too.
     """
     profile = [[0.0, 1400.0], [60.0, 1401.0]]
     table = {
@@ -399,23 +419,23 @@ def test_a_sensor_meets_the_sound_of_the_sea_in_open_and_closed_loops(no_plugins
     stepped = laisn_sim.Simulation(table).step(3.0).flight()
     open_loop = {key: value for key, value in table.items() if key != "leader"}
     finished = laisn_sim.fly(open_loop)
-    read = stepped.measurements[0].custom["travel"]
-    np.testing.assert_array_equal(read, finished.measurements[0].custom["travel"])
+    of_follower = stepped.measurements[0].custom["travel"]
+    np.testing.assert_array_equal(of_follower, finished.measurements[0].custom["travel"])
     assert stepped.leader is not None
-    for rows, name in (
-        (read, "follower/hydrophone"),
+    for times, name in (
+        (of_follower, "follower/hydrophone"),
         (stepped.leader.measurements.custom["travel"], "leader"),
     ):
         truth = stepped.trajectory
-        grid = stepped.step_index()
-        place = truth.site_path(name, grid) if "/" in name else truth.position[grid, 0]
-        way = np.linalg.norm(place - (0.0, 0.0, -20.0), axis=1)
+        ticks = stepped.step_index()
+        position = truth.site_path(name, ticks) if "/" in name else truth.position[ticks, 0]
+        distance = np.linalg.norm(position - (0.0, 0.0, -20.0), axis=1)
         # the mean speed over depths of a few metres is known to 0.5 m/s
-        np.testing.assert_allclose(rows[:, 0] * 1400.5 / way, 1.0, rtol=0, atol=4e-4)
+        np.testing.assert_allclose(times[:, 0] * 1400.5 / distance, 1.0, rtol=0, atol=4e-4)
 
 
 @pytest.mark.parametrize(
-    ("variant", "tables", "expected"),
+    ("variant", "sensors", "expected"),
     [
         ("laisn-2", [], []),
         ("laisn-2", ["dvl"], ["dvl"]),
@@ -426,9 +446,9 @@ def test_a_sensor_meets_the_sound_of_the_sea_in_open_and_closed_loops(no_plugins
     ],
 )
 def test_a_follower_has_the_sensor_that_its_navigator_needs_once(
-    variant: str, tables: list[str], expected: list[str]
+    variant: str, sensors: list[str], expected: list[str]
 ) -> None:
-    custom = [{"sensor": name} for name in tables]
+    custom = [{"sensor": name} for name in sensors]
     scenario = laisn_sim.load("T5", {"navigation.variant": variant, "sensors.custom": custom})
     sensing = sensing_of_each(scenario)[0]
-    assert [driver.name for driver in custom_sensors(sensing, 0)] == expected
+    assert [sensor.name for sensor in custom_sensors(sensing, 0)] == expected

@@ -12,6 +12,7 @@ from sim.sensing.sensors import SensorErrors, loses
 
 SEED, RUN = 11, 4
 STEPS, SENT = 40, np.array([5, 10, 20, 39])
+"""Number of filter steps, and those at which messages leave."""
 
 PERFECT = SensorErrors(
     speed_bias=0.0,
@@ -26,6 +27,7 @@ PERFECT = SensorErrors(
 
 @pytest.fixture(scope="module")
 def truth() -> IdealMeasurements:
+    """Random true values of 40 filter steps and four messages, of which one lacks a range."""
     rng = np.random.default_rng(2)
     m = SENT.size
     ranges = rng.uniform(10, 50, (m, 3))
@@ -58,6 +60,7 @@ def truth() -> IdealMeasurements:
 
 
 def column(measured: Measurements, name: str) -> Floats:
+    """Values of a field of all messages, shape (m,)."""
     return measured.message[:, LeaderMessage._fields.index(name)]
 
 
@@ -125,35 +128,44 @@ def test_followers_receive_the_same_leader_readings(truth: IdealMeasurements) ->
         leader_depth_sigma=0.3,
         leader_tilt_sigma=0.01,
     )
-    one, other = (measure(truth, errors, seed=SEED, run=RUN, follower=f) for f in (0, 7))
-    assert one.message.tobytes() == other.message.tobytes()
-    assert not np.any(one.speed == other.speed)
-    assert not np.any(one.ranges == other.ranges)
+    first, eighth = (measure(truth, errors, seed=SEED, run=RUN, follower=f) for f in (0, 7))
+    assert first.message.tobytes() == eighth.message.tobytes()
+    assert not np.any(first.speed == eighth.speed)
+    assert not np.any(first.ranges == eighth.ranges)
     n = normals(SEED, RUN, Stream.LEADER_MOTION.number(), SENT)
-    assert column(one, "speed") == pytest.approx(np.maximum(truth.sent.speed + 0.1, 0.0), abs=1e-14)
-    assert column(one, "heading") == pytest.approx(
+    assert column(first, "speed") == pytest.approx(
+        np.maximum(truth.sent.speed + 0.1, 0.0), abs=1e-14
+    )
+    assert column(first, "heading") == pytest.approx(
         truth.sent.heading + 0.05 + 0.02 * np.abs(n[:, 1]), abs=1e-14
     )
     n = normals(SEED, RUN, Stream.LEADER_ATTITUDE.number(), SENT)
-    assert one.message[:, 6:8] == pytest.approx(
+    assert first.message[:, 6:8] == pytest.approx(
         np.column_stack([truth.sent.pitch, truth.sent.roll]) + 0.01 * n, abs=1e-14
     )
     n = normals(SEED, RUN, Stream.LEADER_DEPTH.number(), SENT)
-    assert column(one, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
-    # errors of the position are off, and draw nothing from other streams where they are on
-    erring = errors._replace(leader_position_sigma=0.5, leader_position_walk=0.1)
-    third, fourth = (measure(truth, erring, seed=SEED, run=RUN, follower=f) for f in (0, 7))
-    assert third.message.tobytes() == fourth.message.tobytes()
-    np.testing.assert_array_equal(third.ranges, one.ranges)
-    np.testing.assert_array_equal(third.message[:, 3:], one.message[:, 3:])
+    assert column(first, "depth") == pytest.approx(truth.sent.depth + 0.3 * n[:, 0], abs=1e-14)
+    # errors of the position, which were off so far, leave all other values as they were
+    position_errors = errors._replace(leader_position_sigma=0.5, leader_position_walk=0.1)
+    first_with_position_errors, eighth_with_position_errors = (
+        measure(truth, position_errors, seed=SEED, run=RUN, follower=f) for f in (0, 7)
+    )
+    assert (
+        first_with_position_errors.message.tobytes()
+        == eighth_with_position_errors.message.tobytes()
+    )
+    np.testing.assert_array_equal(first_with_position_errors.ranges, first.ranges)
+    np.testing.assert_array_equal(first_with_position_errors.message[:, 3:], first.message[:, 3:])
     white = normals(SEED, RUN, Stream.LEADER_POSITION.number(), SENT)
     steps = normals(SEED, RUN, Stream.LEADER_POSITION_WALK.number(), range(1, max(SENT) + 1))
     walk = np.sqrt(truth.dt) * np.cumsum(steps, axis=0)[np.array(SENT) - 1]
-    expected = one.message[:, 1:3] + 0.5 * white + 0.1 * walk
-    np.testing.assert_allclose(third.message[:, 1:3], expected, rtol=0, atol=1e-12)
+    expected = first.message[:, 1:3] + 0.5 * white + 0.1 * walk
+    np.testing.assert_allclose(
+        first_with_position_errors.message[:, 1:3], expected, rtol=0, atol=1e-12
+    )
 
 
-def test_a_receiver_rejects_what_is_no_range_and_a_log_ends_at_its_scale(
+def test_ranges_out_of_bounds_are_rejected_and_a_log_reads_50_m_s_at_most(
     truth: IdealMeasurements,
 ) -> None:
     for mean in (-100.0, 1e6):
@@ -170,7 +182,7 @@ def test_sensors_err_by_default_as_in_the_paper() -> None:
 
     Log 0.2 and 0.2 m/s, compass 5° and 2°, τ of 1 cm, ψ of 0.1 and 0.05 m.
     """
-    scales = {
+    expected = {
         "speed_bias": 0.2,
         "speed_sigma": 0.2,
         "heading_bias": np.deg2rad(5.0),
@@ -181,13 +193,13 @@ def test_sensors_err_by_default_as_in_the_paper() -> None:
         "range_scale_mean": 0.1,
         "range_scale_sigma": 0.05,
     }
-    given = SensorErrors()
-    assert not loses(given)
-    scales |= {
+    defaults = SensorErrors()
+    assert not loses(defaults)
+    expected |= {
         "sound_speed": 1500.0,
         "drift_period": 400.0,
         "burst_mean_messages": 5.0,
         "burst_loss_probability": 1.0,
     }
-    for name, value in given._asdict().items():
-        assert value == pytest.approx(scales.get(name, 0.0)), name
+    for name, value in defaults._asdict().items():
+        assert value == pytest.approx(expected.get(name, 0.0)), name

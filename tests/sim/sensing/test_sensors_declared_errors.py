@@ -11,7 +11,7 @@ from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.sensors import ERRORS, SensorErrors, errors_of
 
 
-def test_a_scenario_without_keys_has_the_errors_that_are_declared() -> None:
+def test_a_scenario_without_keys_has_the_declared_errors() -> None:
     scenario = Scenario(followers=[{"route": "T5"}])
     errors = errors_of(SensingSettings.of(scenario))
     assert errors == SensorErrors()
@@ -35,7 +35,7 @@ def test_each_key_is_in_its_unit() -> None:
     assert (errors.leader_drift_east, errors.leader_drift_north) == (0.0, 2.0)
 
 
-def test_settings_are_keys_with_units_and_descriptions() -> None:
+def test_settings_have_descriptions_and_are_defaults_of_keys_in_their_units() -> None:
     for kind in (settings.NavigationSettings, settings.TightSettings, settings.BeaconSettings):
         declared = [
             field
@@ -45,8 +45,9 @@ def test_settings_are_keys_with_units_and_descriptions() -> None:
         ]
         assert all(field.metadata["description"] for field in declared), kind
     assert Navigation.model_fields["threshold_m"].default == settings.NavigationSettings.threshold
+    # the keys of the scenario take their descriptions from the settings
     description = Navigation.model_fields["sigma_heading_deg"].description
-    assert description == "σV of the speed update".replace("σV", "σθ")
+    assert description == "σθ of the speed update"
     assert Navigation.model_fields["sigma_heading_deg"].default == 2.0
     tuning = settings.Tuning.of(settings.NavigationSettings(alpha=3.0, gate="off"))
     assert (tuning.alpha, tuning.gate) == (3.0, settings.GATE_OFF)

@@ -1,6 +1,4 @@
-"""Errors that change slowly: amplitudes, period, phases and directions as the scenario gives
-them.
-"""
+"""Errors that change slowly have the amplitudes, period, phases and directions of the scenario."""
 
 from typing import Any
 
@@ -24,34 +22,43 @@ DRIFTING = Sensors(
 )
 
 
-def drifting(sensors: Sensors) -> SensorErrors:
+def errors_with(sensors: Sensors) -> SensorErrors:
+    """Errors of a scenario with these sensors."""
     return errors_of(SensingSettings.of(make_scenario().model_copy(update={"sensors": sensors})))
 
 
-def biased(w: SensorErrors, follower: int, time: Any, speed: Any, heading: Any) -> tuple[Any, Any]:
+def drifted_readings(
+    errors: SensorErrors, follower: int, time: Any, speed: Any, heading: Any
+) -> tuple[Any, Any]:
     return (
-        speed + drift(w, w.speed_drift, w.speed_drift_phase, follower, time),
-        heading + drift(w, w.heading_drift, w.heading_drift_phase, follower, time),
+        speed + drift(errors, errors.speed_drift, errors.speed_drift_phase, follower, time),
+        heading + drift(errors, errors.heading_drift, errors.heading_drift_phase, follower, time),
     )
 
 
 def test_biases_swing_with_their_amplitudes_periods_and_phases() -> None:
-    w = drifting(DRIFTING)
-    # at the start half of the one and all of the other amplitude, and again after a period
+    errors = errors_with(DRIFTING)
+    # at the start, and a period later: half of the speed's amplitude (30°), all of the heading's
     for time in (0.0, 200.0):
-        assert biased(w, 0, time, 1.0, 0.5) == pytest.approx((1.15, 0.5 + np.deg2rad(4.0)))
-    # half a period later the other way, after a quarter at √3/2 and 0
-    assert biased(w, 0, 100.0, 1.0, 0.5) == pytest.approx((0.85, 0.5 - np.deg2rad(4.0)))
-    assert biased(w, 0, 50.0, 1.0, 0.5) == pytest.approx((1.0 + 0.3 * np.sqrt(0.75), 0.5))
+        assert drifted_readings(errors, 0, time, 1.0, 0.5) == pytest.approx(
+            (1.15, 0.5 + np.deg2rad(4.0))
+        )
+    # half a period later with the other sign; after a quarter √3/2 of the amplitude, and 0
+    assert drifted_readings(errors, 0, 100.0, 1.0, 0.5) == pytest.approx(
+        (0.85, 0.5 - np.deg2rad(4.0))
+    )
+    assert drifted_readings(errors, 0, 50.0, 1.0, 0.5) == pytest.approx(
+        (1.0 + 0.3 * np.sqrt(0.75), 0.5)
+    )
 
 
-@pytest.mark.parametrize("silent", ["speed_drift_m_s", "heading_drift_deg"])
-def test_one_bias_may_swing_alone(silent: str) -> None:
-    w = drifting(DRIFTING.model_copy(update={silent: 0.0}))
-    speed, heading = biased(w, 0, 0.0, 1.0, 0.5)
+@pytest.mark.parametrize("constant_bias", ["speed_drift_m_s", "heading_drift_deg"])
+def test_one_bias_may_swing_alone(constant_bias: str) -> None:
+    errors = errors_with(DRIFTING.model_copy(update={constant_bias: 0.0}))
+    speed, heading = drifted_readings(errors, 0, 0.0, 1.0, 0.5)
     assert (speed == 1.0, heading == 0.5) == (
-        silent == "speed_drift_m_s",
-        silent == "heading_drift_deg",
+        constant_bias == "speed_drift_m_s",
+        constant_bias == "heading_drift_deg",
     )
 
 
@@ -60,7 +67,9 @@ def test_each_follower_is_ahead_of_the_one_before_by_the_golden_angle() -> None:
     golden = 2 * np.pi * (1 - 2 / (1 + np.sqrt(5)))
     for follower in (1, 2, 5):
         expected = 1.0 + 0.3 * np.sin(np.pi / 6 + 2 * np.pi * 20.0 / 200.0 + follower * golden)
-        assert biased(drifting(DRIFTING), follower, 20.0, 1.0, 0.5)[0] == pytest.approx(expected)
+        assert drifted_readings(errors_with(DRIFTING), follower, 20.0, 1.0, 0.5)[
+            0
+        ] == pytest.approx(expected)
 
 
 def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
@@ -76,15 +85,15 @@ def test_a_motion_is_read_with_the_errors_of_its_instants() -> None:
     )
 
 
-def test_a_leader_walks_off_towards_a_compass_direction() -> None:
-    """By 2 cm/s towards 30°: 1 cm/s east, 1.73 cm/s north, of the time of sending."""
+def test_the_leaders_position_drifts_towards_a_compass_direction() -> None:
+    """By 2 cm/s towards 30°, 1 cm/s east and 1.73 cm/s north, until the message is sent."""
     scenario = make_scenario()
     scenario = scenario.model_copy(update={"sensors": DRIFTING})
     truth = observe(
         make_trajectory((0.0, 40.0, -10.0), leader=(5.0, 6.0, -9.0)), SensingSettings.of(scenario)
     )
-    off = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
+    position_error = np.column_stack([truth.sent.east, truth.sent.north]) - [5.0, 6.0]
     np.testing.assert_allclose(
-        off, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12
+        position_error, truth.sent.timestamp[:, None] * [0.01, 0.01 * np.sqrt(3.0)], atol=1e-12
     )
     assert truth.sent.timestamp[-1] > 5.0
