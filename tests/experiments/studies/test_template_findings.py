@@ -16,10 +16,12 @@ from tests.experiments.studies.rivals.test_findings import findings_without
 from tools.documents.markers import RECORDS
 
 STUDIES = Path(__file__).parents[3] / "experiments" / "studies"
+# names of recorded studies, by the folder of the study
 RECORD_OF = {
     **{name: name for name in ("asymmetry", "estimators", "formation", "front", "thermocline")},
     "reproduce": "reproduce-physics",
 }
+# functions of templates whose first argument is the name of a finding
 LOOKUPS = ("n", "interval", "share", "limited")
 ANYTHING = ".*"
 
@@ -50,12 +52,12 @@ def pattern_of(expression: nodes.Node, values: Values) -> str:
 def arguments_of(call: nodes.Call, macro: nodes.Macro, values: Values) -> Values:
     """Patterns of a macro's arguments in a call of it."""
     names = [argument.name for argument in macro.args]
-    given = dict(zip(names, (pattern_of(arg, values) for arg in call.args), strict=False))
-    return dict.fromkeys(names, ANYTHING) | given
+    patterns = dict(zip(names, (pattern_of(arg, values) for arg in call.args), strict=False))
+    return dict.fromkeys(names, ANYTHING) | patterns
 
 
-def assigned(tree: nodes.Node) -> Values:
-    """Patterns of names that are set once, to a text that is known in part."""
+def patterns_of_variables(tree: nodes.Node) -> Values:
+    """Patterns of variables that are set once in a template, to a text that is known in part."""
     targets: dict[str, list[str]] = {}
     for node in tree.find_all((nodes.Assign, nodes.For)):
         names = (
@@ -69,7 +71,7 @@ def assigned(tree: nodes.Node) -> Values:
     return {name: texts[0] for name, texts in targets.items() if len(texts) == 1}
 
 
-def named(node: nodes.Node, macros: Macros, values: Values, depth: int = 0) -> set[str]:
+def looked_up(node: nodes.Node, macros: Macros, values: Values, depth: int = 0) -> set[str]:
     """Patterns of the findings that a part of a template looks up."""
     patterns = set[str]()
     for child in node.iter_child_nodes():
@@ -78,8 +80,8 @@ def named(node: nodes.Node, macros: Macros, values: Values, depth: int = 0) -> s
         callee = child.node if isinstance(child, nodes.Call) else None
         if isinstance(callee, nodes.Name) and callee.name in macros and depth < 4:
             macro = macros[callee.name]
-            inner = values | arguments_of(child, macro, values)
-            patterns |= named(nodes.Scope(macro.body), macros, inner, depth + 1)
+            inner_values = values | arguments_of(child, macro, values)
+            patterns |= looked_up(nodes.Scope(macro.body), macros, inner_values, depth + 1)
         elif isinstance(callee, nodes.Name) and callee.name in LOOKUPS and child.args:
             if len(child.args) < 3 or callee.name != "n":  # a third argument stands for none
                 patterns.add(pattern_of(child.args[0], values))
@@ -89,7 +91,7 @@ def named(node: nodes.Node, macros: Macros, values: Values, depth: int = 0) -> s
             and child.node.name == "found"
         ):
             patterns.add(pattern_of(child.arg, values))
-        patterns |= named(child, macros, values, depth)
+        patterns |= looked_up(child, macros, values, depth)
     return patterns
 
 
@@ -97,7 +99,7 @@ def findings_named_in(text: str) -> set[str]:
     """Patterns of the findings that a template names."""
     tree = jinja2.Environment(autoescape=True).parse(text)
     macros: Any = {macro.name: macro for macro in tree.find_all(nodes.Macro)}
-    return named(tree, macros, assigned(tree))
+    return looked_up(tree, macros, patterns_of_variables(tree))
 
 
 def names_of(study: str) -> Collection[str]:
@@ -112,7 +114,11 @@ def test_every_finding_that_a_template_names_exists(study: str) -> None:
     patterns = findings_named_in((STUDIES / study / "page.md.j2").read_text(encoding="utf-8"))
     assert len(patterns) > 3
     names = names_of(study)
-    missing = [p for p in sorted(patterns) if not any(re.fullmatch(p, name) for name in names)]
+    missing = [
+        pattern
+        for pattern in sorted(patterns)
+        if not any(re.fullmatch(pattern, name) for name in names)
+    ]
     assert not missing, f"{study}: there is no finding like {', '.join(missing)}"
 
 

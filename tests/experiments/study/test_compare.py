@@ -28,42 +28,46 @@ def test_flights_are_compared_with_the_settings_that_differ(tmp_path):
         fly_and_write(scenario, tmp_path / name, with_video=False)
     flights = [read(tmp_path / name / "flight.mcap") for name in "ab"]
     assert differing(flights) == {"sensors.speed_bias_m_s": [0.1, 0.3]}
-    errors, _ = page_of([str(tmp_path / "a"), str(tmp_path / "b")]).sections
-    (drawn,) = errors.blocks[0].panels
-    assert [part.y_label for part in drawn.parts] == ["E_P [m]", "E_B [°]"]
-    rows = [[cell.text for cell in row] for row in errors.blocks[1].rows]
-    off = []
+    errors_section, _ = page_of([str(tmp_path / "a"), str(tmp_path / "b")]).sections
+    (panel,) = errors_section.blocks[0].panels
+    assert [part.y_label for part in panel.parts] == ["E_P [m]", "E_B [°]"]
+    rows = [[cell.text for cell in row] for row in errors_section.blocks[1].rows]
+    errors_of_flights = []
     for name, flight, row in zip("ab", flights, rows, strict=True):
         truth, leader = (
             flight.hydrophone(0)[:, :2],
             flight.trajectory.position[flight.step_index(), 0, :2],
         )
-        actual = flight.estimates[0].state[:, :2]
-        off.append(np.linalg.norm(actual - truth, axis=1))
-        seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (actual, truth))
-        turned = np.abs(np.rad2deg(np.angle(seen / true)))
-        expected = (
-            off[-1].mean(),
-            off[-1].max(),
-            turned.mean(),
-            turned.max(),
-            (off[-1] - off[0]).mean(),
+        estimate = flight.estimates[0].state[:, :2]
+        errors_of_flights.append(np.linalg.norm(estimate - truth, axis=1))
+        estimated_direction, true_direction = (
+            (position - leader) @ np.array([1j, 1.0]) for position in (estimate, truth)
         )
-        lines = [part.lines[len(off) - 1].y for part in drawn.parts]
-        assert [line.mean() for line in lines] == pytest.approx([off[-1].mean(), turned.mean()])
+        bearing_error = np.abs(np.rad2deg(np.angle(estimated_direction / true_direction)))
+        expected = (
+            errors_of_flights[-1].mean(),
+            errors_of_flights[-1].max(),
+            bearing_error.mean(),
+            bearing_error.max(),
+            (errors_of_flights[-1] - errors_of_flights[0]).mean(),
+        )
+        lines = [part.lines[len(errors_of_flights) - 1].y for part in panel.parts]
+        assert [line.mean() for line in lines] == pytest.approx(
+            [errors_of_flights[-1].mean(), bearing_error.mean()]
+        )
         assert row == [name, *(f"{value:.3f}".replace("-", "−") for value in expected)]
     nothing = "There is nothing to compare: the flights have the same settings and the same errors."
     assert nothing not in page_of([str(tmp_path / "a"), str(tmp_path / "b")]).summary
     assert page_of([str(tmp_path / "a")] * 2).summary.startswith(nothing)
-    out = tmp_path / "page.html"
+    page = tmp_path / "page.html"
     result = CliRunner().invoke(
-        app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(out)]
+        app, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(page)]
     )
     assert result.exit_code == 0, result.output
-    assert "sensors.speed_bias_m_s" in out.read_text(encoding="utf-8")
+    assert "sensors.speed_bias_m_s" in page.read_text(encoding="utf-8")
 
 
-def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
+def test_studies_are_paired_where_they_share_points_runs_and_seeds(tmp_path):
     """A study against itself differs by nothing; against other runs or another seed it cannot be
     paired.
     """
@@ -79,47 +83,49 @@ def test_studies_are_paired_where_they_share_places_and_runs(tmp_path):
             {"study": study_from_table(table, name, name)}, tmp_path / name, workers=1, quiet=True
         )
     actual = paired([tmp_path / name for name in "abcd"], "e_p_mean_m")
-    pages = {b: page_of([str(tmp_path / "a"), str(tmp_path / b)]).summary for b in "bcd"}
+    pages = {name: page_of([str(tmp_path / "a"), str(tmp_path / name)]).summary for name in "bcd"}
     assert "nothing to compare: the studies have the same settings" in pages["b"]
     assert "b against a: lower at 0, higher at 0, undecided at 0, the same at 2 of 2" in pages["b"]
     assert "against" not in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["c"]
     assert "nothing to compare: the studies share places, but neither seeds" in pages["d"]
     assert len(actual) == 2
-    for _, same, fewer, other in actual.values():
-        assert same is not None
-        assert same.value == 0.0
-        assert fewer is None
-        assert other is None
+    for _, against_same, against_fewer_runs, against_other_seed in actual.values():
+        assert against_same is not None
+        assert against_same.value == 0.0
+        assert against_fewer_runs is None
+        assert against_other_seed is None
 
 
-def test_a_table_that_holds_nothing_is_no_setting() -> None:
+def test_an_empty_table_is_no_setting_that_differs() -> None:
     actual = compare._differing([{"runs": 3, "set": {}}, {"runs": 3, "set.duration_s": 20.0}])
     assert actual == {"set.duration_s": [None, 20.0]}
 
 
-def kept(folder: Path, seeds: tuple[int, ...], added: float, added_by_seed: float = 0.0) -> Path:
-    """A study of two baselines, each run with 1 m and a tenth of seed and number; the second 1 m
-    more; and what is added, by number and by seed [m].
+def write_study(
+    folder: Path, seeds: tuple[int, ...], added: float, added_by_seed: float = 0.0
+) -> Path:
+    """Write the tables of a study of two baselines: the error of run k of seed s is
+    1 + 0.1 · (s + k) + `added` · (1 + k) + `added_by_seed` · s [m], with the second baseline 1 m more.
     """
     folder.mkdir()
     runs = [
         {
-            "leader.baseline_m": base,
+            "leader.baseline_m": baseline,
             "arm": "",
             "follower": "f",
-            "point": p,
+            "point": point,
             "realization": realization,
             "run": run,
             "mirror_locked": False,
             "e_p_mean_m": 1.0
             + 0.1 * seed
             + 0.1 * run
-            + p
+            + point
             + added * (1 + run)
             + added_by_seed * seed,
         }
-        for p, base in enumerate((1.0, 2.0))
+        for point, baseline in enumerate((1.0, 2.0))
         for realization, seed in enumerate(seeds)
         for run in range(30)
     ]
@@ -134,54 +140,68 @@ def kept(folder: Path, seeds: tuple[int, ...], added: float, added_by_seed: floa
 
 
 def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
-    """Every run is off by a tenth of its number more: Student's t over three equal differences."""
-    first, more = kept(tmp_path / "a", (7, 8, 9), 0.0), kept(tmp_path / "b", (9, 7, 8), 0.1)
-    actual = paired([first, more], "e_p_mean_m")
+    """The second study has the seeds in another order, and run k has 0.1 m · (1 + k) more."""
+    first, second = (
+        write_study(tmp_path / "a", (7, 8, 9), 0.0),
+        write_study(tmp_path / "b", (9, 7, 8), 0.1),
+    )
+    actual = paired([first, second], "e_p_mean_m")
     assert [place[:1] for place in actual] == [
         ("leader.baseline_m = 1.0",),
         ("leader.baseline_m = 2.0",),
     ]
-    # the file of a study, which `kept` does not write; differences that are equal to the bit have
-    # no interval
-    for folder in (first, more):
+    # `write_study` does not write the file of a study; differences that are equal to the bit have no
+    # interval
+    for folder in (first, second):
         (folder / "study.toml").write_text('scenario = "T5"\n', encoding="utf-8")
-    assert page_of([str(first), str(more)]).summary.endswith(
+    assert page_of([str(first), str(second)]).summary.endswith(
         "b against a: lower at 0, higher at 1, undecided at 1 of 2 places."
     )
-    for p, (mean, apart) in enumerate(actual.values()):
-        # realizations differ by 0.1 m: t(0.975, 2) s / √3
-        half = 4.302653 * 0.1 / np.sqrt(3)
-        middle = 1.0 + 0.8 + 0.1 * 14.5 + p
-        assert tuple(mean) == pytest.approx((middle, middle - half, middle + half))
-        assert apart.value == pytest.approx(0.1 * 15.5)
+    for point, (mean, difference) in enumerate(actual.values()):
+        # errors of seeds 7, 8 and 9 differ by 0.1 m: t(0.975, 2) s / √3; the mean of k is 14.5
+        half_interval = 4.302653 * 0.1 / np.sqrt(3)
+        expected_mean = 1.0 + 0.8 + 0.1 * 14.5 + point
+        assert tuple(mean) == pytest.approx(
+            (expected_mean, expected_mean - half_interval, expected_mean + half_interval)
+        )
+        assert difference.value == pytest.approx(0.1 * 15.5)
     assert (
-        next(iter(paired([first, kept(tmp_path / "c", (7, 8, 10), 0.1)], "e_p_mean_m").values()))[1]
+        next(
+            iter(
+                paired([first, write_study(tmp_path / "c", (7, 8, 10), 0.1)], "e_p_mean_m").values()
+            )
+        )[1]
         is None
     )
-    one, other = kept(tmp_path / "d", (7,), 0.0), kept(tmp_path / "e", (7,), 0.1)
-    _, apart = next(iter(paired([one, other], "e_p_mean_m").values()))
+    single_seed, more_of_single_seed = (
+        write_study(tmp_path / "d", (7,), 0.0),
+        write_study(tmp_path / "e", (7,), 0.1),
+    )
+    _, difference = next(iter(paired([single_seed, more_of_single_seed], "e_p_mean_m").values()))
     # 0.1 to 3 m of 30 runs: 1.96 σ / √30, nearly
     sigma = 0.1 * np.sqrt((30**2 - 1) / 12)
-    assert apart.value == pytest.approx(1.55)
-    assert (apart.high - apart.low) / 2 == pytest.approx(1.96 * sigma / np.sqrt(30), rel=0.1)
+    assert difference.value == pytest.approx(1.55)
+    assert (difference.high - difference.low) / 2 == pytest.approx(
+        1.96 * sigma / np.sqrt(30), rel=0.1
+    )
 
 
 def test_differences_of_mirror_locks_have_the_limits_of_paired_shares(tmp_path):
-    """Of 30 runs 3 more are mirror-locked: Bonett & Price 2012 add a run for either side; a
-    share has other limits.
+    """Of 30 runs 3 more are mirror-locked: limits by Bonett & Price 2012, with one more run for
+    either side. A single fraction has those of Clopper and Pearson.
     """
-    folders = [kept(tmp_path / name, (7,), 0.0) for name in "ab"]
+    folders = [write_study(tmp_path / name, (7,), 0.0) for name in "ab"]
     table = read_table(folders[1] / RUNS)
     write_table(
         folders[1] / RUNS, columns_of([row | {"mirror_locked": row["run"] < 3} for row in table])
     )
-    none, apart = next(iter(paired(folders, "mirror_locked").values()))
-    assert (none.value, none.low) == (0.0, 0.0)
-    assert none.high == pytest.approx(1 - 0.025 ** (1 / 30))
+    first_fraction, difference = next(iter(paired(folders, "mirror_locked").values()))
+    assert (first_fraction.value, first_fraction.low) == (0.0, 0.0)
+    assert first_fraction.high == pytest.approx(1 - 0.025 ** (1 / 30))
     values = np.array([1.0] * 3 + [0.0] * 27 + [1.0, -1.0])
-    half = 1.959964 * values.std() / np.sqrt(32)
-    assert tuple(apart) == pytest.approx(
-        (0.1, values.mean() - half, values.mean() + half), rel=1e-6
+    half_interval = 1.959964 * values.std() / np.sqrt(32)
+    assert tuple(difference) == pytest.approx(
+        (0.1, values.mean() - half_interval, values.mean() + half_interval), rel=1e-6
     )
 
 
@@ -201,9 +221,9 @@ def test_the_page_of_studies_is_the_golden_one(tmp_path: Path) -> None:
     seed.
     """
     folders = [
-        kept(tmp_path / "a", (7, 8, 9), 0.0),
-        kept(tmp_path / "b", (7, 8, 9), 0.0, 0.05),
-        kept(tmp_path / "c", (7, 8, 10), 0.0),
+        write_study(tmp_path / "a", (7, 8, 9), 0.0),
+        write_study(tmp_path / "b", (7, 8, 9), 0.0, 0.05),
+        write_study(tmp_path / "c", (7, 8, 10), 0.0),
     ]
     for folder, bias in zip(folders, (0.0, 0.1, 0.1), strict=True):
         text = f'scenario = "T5"\n[set]\n"sensors.speed_bias_m_s" = {bias}\n'
@@ -212,7 +232,7 @@ def test_the_page_of_studies_is_the_golden_one(tmp_path: Path) -> None:
     require_golden(replace(page, facts=[]), "compare-studies")
 
 
-def test_what_is_neither_is_refused(tmp_path):
+def test_folders_that_are_neither_flights_nor_studies_and_a_single_one_are_refused(tmp_path):
     with pytest.raises(LaisnError, match="neither a flight"):
         page_of([str(tmp_path), str(tmp_path)])
     with pytest.raises(LaisnError, match="2 to 6"):

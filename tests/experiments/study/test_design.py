@@ -23,7 +23,9 @@ def test_a_factorial_design_has_every_combination():
     factors = [Factor.of("a", [1, 2, 3]), Factor.of("b", ["x", "y"])]
     points = points_of(factors, "factorial", None, 1, 6)
     assert len(points) == 6
-    assert {(p["a"], p["b"]) for p in points} == {(a, b) for a in (1, 2, 3) for b in "xy"}
+    assert {(point["a"], point["b"]) for point in points} == {
+        (a, b) for a in (1, 2, 3) for b in "xy"
+    }
 
 
 def test_points_are_counted_before_they_are_made():
@@ -36,21 +38,24 @@ def test_points_are_counted_before_they_are_made():
 @pytest.mark.parametrize("design", ["latin-hypercube", "sobol"])
 def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design):
     """Both designs put one of n points into each nth of every range."""
-    ends = (
+    factors = (
         Factor.of("a", {"from": 2, "to": 4}, sampled=True),
         Factor.of("b", {"from": 1, "to": 100, "scale": "log"}, sampled=True),
     )
-    points = points_of(ends, design, 16, 1, 99)
-    shares = np.array([[(p["a"] - 2) / 2, math.log(p["b"]) / math.log(100)] for p in points])
-    assert np.array_equal(
-        np.sort(np.floor(16 * shares).astype(int), axis=0), np.arange(16)[:, None].repeat(2, axis=1)
+    points = points_of(factors, design, 16, 1, 99)
+    fractions = np.array(
+        [[(point["a"] - 2) / 2, math.log(point["b"]) / math.log(100)] for point in points]
     )
-    assert points == points_of(ends, design, 16, 1, 99)
-    assert points != points_of(ends, design, 16, 2, 99)
+    assert np.array_equal(
+        np.sort(np.floor(16 * fractions).astype(int), axis=0),
+        np.arange(16)[:, None].repeat(2, axis=1),
+    )
+    assert points == points_of(factors, design, 16, 1, 99)
+    assert points != points_of(factors, design, 16, 2, 99)
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("specification", "expected"),
     [
         ([], "empty"),
         ([1, 1], "twice"),
@@ -61,9 +66,9 @@ def test_a_sampled_design_has_one_point_in_every_stratum_of_every_factor(design)
         ({"from": 0, "to": 1, "steps": 2, "step": 1}, "unknown step"),
     ],
 )
-def test_an_invalid_factor_is_reported_with_the_expectation(given, expected):
+def test_an_invalid_factor_is_reported_with_the_expectation(specification, expected):
     with pytest.raises(ValueError, match=expected):
-        Factor.of("x", given)
+        Factor.of("x", specification)
 
 
 def test_a_sobol_design_needs_a_power_of_two():
@@ -72,7 +77,7 @@ def test_a_sobol_design_needs_a_power_of_two():
 
 
 @pytest.mark.parametrize(
-    ("given", "law"),
+    ("specification", "law"),
     [
         ({"uniform": [0.2, 0.8]}, stats.uniform(0.2, 0.6)),
         ({"normal": [1.0, 0.1]}, stats.norm(1.0, 0.1)),
@@ -80,11 +85,11 @@ def test_a_sobol_design_needs_a_power_of_two():
         ({"gamma": {"a": 2.0, "scale": 3.0}}, stats.gamma(2.0, scale=3.0)),
     ],
 )
-def test_draws_follow_their_law(given, law):
-    """The Kolmogorov-Smirnov test of 1000 draws; one in a thousand right ones would fail it, and
-    seeds are fixed.
+def test_draws_follow_their_law(specification, law):
+    """By the Kolmogorov-Smirnov test of 1000 draws with fixed seeds, which the right law fails once
+    in a thousand.
     """
-    draw = Draw.of("leader.mass", given)
+    draw = Draw.of("leader.mass", specification)
     assert (
         stats.kstest([draw.value(1, realization) for realization in range(1000)], law.cdf).pvalue
         > 1e-3
@@ -92,37 +97,39 @@ def test_draws_follow_their_law(given, law):
 
 
 @pytest.mark.parametrize(
-    ("given", "law"),
+    ("specification", "law"),
     [
         ({"uniform": [0.2, 0.7]}, stats.uniform(0.2, 0.7 - 0.2)),
         ({"normal": [1.1, 0.13]}, stats.norm(1.1, 0.13)),
     ],
 )
-def test_draws_without_scipy_stats_are_those_with_it_to_the_bit(given, law):
-    quantile = Draw.of("leader.mass", given).quantile
-    shares = np.random.default_rng(1).random(1000)
-    assert [quantile(share, []) for share in shares.tolist()] == law.ppf(shares).tolist()
+def test_draws_without_scipy_stats_are_those_with_it_to_the_bit(specification, law):
+    quantile = Draw.of("leader.mass", specification).quantile
+    probabilities = np.random.default_rng(1).random(1000)
+    assert [quantile(probability, []) for probability in probabilities.tolist()] == law.ppf(
+        probabilities
+    ).tolist()
 
 
-def test_choices_come_alike_often():
+def test_choices_come_equally_often():
     draw = Draw.of("navigation.variant", {"choice": ["a", "b", "c"]})
     actual = [draw.value(1, realization) for realization in range(1000)]
-    assert stats.chisquare([actual.count(c) for c in "abc"]).pvalue > 1e-3
+    assert stats.chisquare([actual.count(choice) for choice in "abc"]).pvalue > 1e-3
 
 
 def test_draws_of_keys_realizations_and_seeds_are_independent():
-    one, other = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
-    x = [one.value(1, k) for k in range(1000)]
-    for y in (
-        [other.value(1, k) for k in range(1000)],
-        [one.value(2, k) for k in range(1000)],
-        [one.value(1, k + 1) for k in range(1000)],
+    draw, draw_of_other_key = (Draw.of(key, {"uniform": [0, 1]}) for key in ("a", "b"))
+    values = [draw.value(1, realization) for realization in range(1000)]
+    for other_values in (
+        [draw_of_other_key.value(1, realization) for realization in range(1000)],
+        [draw.value(2, realization) for realization in range(1000)],
+        [draw.value(1, realization + 1) for realization in range(1000)],
     ):
-        assert abs(np.corrcoef(x, y)[0, 1]) < 4 / math.sqrt(1000)
+        assert abs(np.corrcoef(values, other_values)[0, 1]) < 4 / math.sqrt(1000)
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("specification", "expected"),
     [
         (0.3, "one distribution"),
         ({"uniforn": [0, 1]}, "unknown distribution"),
@@ -136,32 +143,32 @@ def test_draws_of_keys_realizations_and_seeds_are_independent():
         ({"choice": 3}, "list"),
     ],
 )
-def test_an_invalid_draw_is_reported_with_the_expectation(given, expected):
+def test_an_invalid_draw_is_reported_with_the_expectation(specification, expected):
     with pytest.raises(ValueError, match=expected):
-        Draw.of("x", given)
+        Draw.of("x", specification)
 
 
 def test_a_route_is_drawn_for_each_realization_from_its_class(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Waypoints depend on seed, realization and key alone; of any class all come up."""
+    """Waypoints depend on seed, realization and key alone; with `any`, all classes come up."""
     key = "followers.0.waypoints"
-    near = Draw.of(key, {"route_class": "50-near-alike"})
-    assert near.value(3, 0) == near.value(3, 0) != near.value(3, 1)
-    legs = np.diff([time for time, _, _ in near.value(3, 0)])
+    near_class = Draw.of(key, {"route_class": "50-near-alike"})
+    assert near_class.value(3, 0) == near_class.value(3, 0) != near_class.value(3, 1)
+    legs = np.diff([time for time, _, _ in near_class.value(3, 0)])
     assert np.all(legs[:-1] <= 80.0), "a class of near waypoints"
-    every = Draw.of(key, {"route_class": "any"})
-    far = [
-        np.diff([time for time, _, _ in every.value(3, realization)]).min() >= 100.0
+    any_class = Draw.of(key, {"route_class": "any"})
+    is_far = [
+        np.diff([time for time, _, _ in any_class.value(3, realization)]).min() >= 100.0
         for realization in range(24)
     ]
-    assert 4 <= sum(far) <= 20, "half of the classes have waypoints far apart"
+    assert 4 <= sum(is_far) <= 20, "half of the classes have waypoints far apart"
     with pytest.raises(
         ValueError, match=r"route_class expects any, 50-near-alike, .*\(given: 'near'\)"
     ):
         Draw.of(key, {"route_class": "near"})
     monkeypatch.setattr("experiments.study.design.random_waypoints", lambda name, _: name)
-    assert {every.value(3, realization) for realization in range(200)} == set(CLASSES)
+    assert {any_class.value(3, realization) for realization in range(200)} == set(CLASSES)
 
 
 def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> None:
@@ -176,16 +183,19 @@ def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> 
     draw = Draw.of("followers", {"formation": area})
     formations = [draw.value(1, realization) for realization in range(40)]
     assert formations[3] == Draw.of("followers", {"formation": area}).value(1, 3)
-    places = []
+    positions_of_draws = []
     for followers in formations:
         stations = [follower["station"] for follower in followers]
-        place = np.array([(s["behind_m"], s["port_m"]) for s in stations])
-        apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1)) + 100.0 * np.eye(8)
-        assert apart.min() >= 7.0
-        assert [s["depth_m"] for s in stations] == [10.0 + 0.5 * i for i in range(8)]
-        places.append(place)
-    # drawn evenly: the middle of the area, to within three standard errors of 320 places
-    behind, port = np.concatenate(places).T
+        positions = np.array([(station["behind_m"], station["port_m"]) for station in stations])
+        distances = np.hypot(
+            *(positions[:, None] - positions[None]).transpose(2, 0, 1)
+        ) + 100.0 * np.eye(8)
+        assert distances.min() >= 7.0
+        assert [station["depth_m"] for station in stations] == [10.0 + 0.5 * i for i in range(8)]
+        positions_of_draws.append(positions)
+    # drawn evenly: means are at the middle of the area, to within three standard errors of 320
+    # stations
+    behind, port = np.concatenate(positions_of_draws).T
     assert (behind.min() >= 12.0, behind.max() <= 42.0, np.abs(port).max() <= 25.0) == (
         True,
         True,
@@ -196,7 +206,7 @@ def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> 
 
 
 @pytest.mark.parametrize(
-    ("given", "expected"),
+    ("specification", "expected"),
     [
         (
             {"count": 0},
@@ -210,9 +220,9 @@ def test_a_formation_is_drawn_for_each_realization_and_keeps_its_distances() -> 
         ),
     ],
 )
-def test_a_formation_that_cannot_be_drawn_is_refused(given: object, expected: str) -> None:
+def test_a_formation_that_cannot_be_drawn_is_refused(specification: object, expected: str) -> None:
     with pytest.raises(ValueError, match=expected):
-        Draw.of("followers", {"formation": given})
+        Draw.of("followers", {"formation": specification})
 
 
 def test_a_value_may_differ_from_run_to_run():
@@ -224,7 +234,7 @@ def test_a_value_may_differ_from_run_to_run():
         "b",
     ]
     assert [value_at({"rotate": 100}, run) for run in range(5)] == [0, 100, 200, 300, 40]
-    assert [value_at(given, 3) for given in (2.5, [1, 2], {"kind": "jonswap"})] == [
+    assert [value_at(specification, 3) for specification in (2.5, [1, 2], {"kind": "jonswap"})] == [
         2.5,
         [1, 2],
         {"kind": "jonswap"},
@@ -244,15 +254,15 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
     assert list(plan.runs_of(entry)) == [0, 2, 4]
     assert plan.flights == 3
     assert plan.study.title("arm", "a") == "any direction"
-    made = [entry.scenario_at(run) for run in range(5)]
-    assert [scenario.run for scenario in made] == [0, 1, 2, 3, 4]
-    assert [scenario.ocean.current_direction_deg for scenario in made] == [0, 90, 180, 270, 0]
-    assert {follower.depth_m for scenario in made for follower in scenario.followers} == {9.0}
-    assert made[0] == entry.scenario
+    scenarios = [entry.scenario_at(run) for run in range(5)]
+    assert [scenario.run for scenario in scenarios] == [0, 1, 2, 3, 4]
+    assert [scenario.ocean.current_direction_deg for scenario in scenarios] == [0, 90, 180, 270, 0]
+    assert {follower.depth_m for scenario in scenarios for follower in scenario.followers} == {9.0}
+    assert scenarios[0] == entry.scenario
 
 
 @pytest.mark.parametrize(
-    ("changed", "message"),
+    ("keys", "message"),
     [
         (
             {"set": {"ocean.current_speed_m_s": {"cycle": []}}},
@@ -274,6 +284,6 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
         ({"set": {"followers.*.no_key": 1}}, r"followers\[0\].no_key: unknown key"),
     ],
 )
-def test_invalid_values_of_runs_are_refused(changed, message):
+def test_invalid_values_of_runs_are_refused(keys, message):
     with pytest.raises(StudyError, match=message):
-        plan_of(study_from_table({"scenario": "swarm"} | changed, "s", "s"))
+        plan_of(study_from_table({"scenario": "swarm"} | keys, "s", "s"))

@@ -46,12 +46,13 @@ SHORT = {
 }
 
 
-def plan(part: str = "missions", keys: dict[str, Any] | None = None) -> StudyPlan:
-    return plan_of(study_of(str(FILES[part]), keys or {}))
+def plan(study_part: str = "missions", keys: dict[str, Any] | None = None) -> StudyPlan:
+    return plan_of(study_of(str(FILES[study_part]), keys or {}))
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
+    """Rows of LAISN-2 of a short study: two routes, each with two depth offsets."""
     actual = fly_studies([plan(keys=SHORT)], tmp_path_factory.mktemp("rows"), workers=1, quiet=True)
     return [row for row in judged_rows({"missions": actual[0]}) if row["variant"] == "laisn-2"]
 
@@ -73,26 +74,30 @@ def test_every_mission_is_flown_in_every_arm(rows):
 
 @pytest.mark.system
 def test_no_two_missions_share_noise():
-    # with the usual step, of which no hull has to be checked
-    few = {"arm": [{"name": "1 1"}], "set": {"timing": {"physics_step_s": 0.02}}}
-    whole = [plan(part, few) for part in ("pitch", "missions")]
-    first = sorted({entry.scenario.run for one in whole for entry in one.entries})
-    assert len(first) == (1 + 23) * 8 * 4
-    assert all(b - a >= max(LOOKS) for a, b in itertools.pairwise(first))
+    # with the usual physics step, with which no hull has to be checked
+    one_arm = {"arm": [{"name": "1 1"}], "set": {"timing": {"physics_step_s": 0.02}}}
+    plans = [plan(part, one_arm) for part in ("pitch", "missions")]
+    first_runs = sorted(
+        {entry.scenario.run for study_plan in plans for entry in study_plan.entries}
+    )
+    assert len(first_runs) == (1 + 23) * 8 * 4
+    assert all(next_run - run >= max(LOOKS) for run, next_run in itertools.pairwise(first_runs))
     # τ and pitch are compared on the same noise
-    alike = {
-        (whole[0].points[e.point]["scenario"], e.scenario.run)
-        for e in whole[0].entries
-        if whole[0].points[e.point]["offset_m"] == 2.0
+    runs_of_pitch = {
+        (plans[0].points[entry.point]["scenario"], entry.scenario.run)
+        for entry in plans[0].entries
+        if plans[0].points[entry.point]["offset_m"] == 2.0
     }
-    tau = plan("tau", few)
-    assert {(tau.points[e.point]["scenario"], e.scenario.run) for e in tau.entries} == alike
+    tau_plan = plan("tau", one_arm)
+    assert {
+        (tau_plan.points[entry.point]["scenario"], entry.scenario.run) for entry in tau_plan.entries
+    } == runs_of_pitch
 
 
-def removed(mission, arm):
+def share_removed(mission, arm):
     """Share that a remedy removes of what pitch adds to runs without mirror lock."""
-    part, left, free = mission.compared("error", arm)
-    return 1 - left[free].mean() / part[free].mean()
+    added_by_pitch, left_by_remedy, unlocked = mission.compared("error", arm)
+    return 1 - left_by_remedy[unlocked].mean() / added_by_pitch[unlocked].mean()
 
 
 def test_exact_attitude_gives_the_level_leaders_error(rows):
@@ -101,33 +106,31 @@ def test_exact_attitude_gives_the_level_leaders_error(rows):
         assert_allclose(exact, level, rtol=0.02)
         if excess.real["depth_offset_m"] == 10.0:
             assert excess.added > 0.1
-            assert removed(excess, EXACT) > 0.95
+            assert share_removed(excess, EXACT) > 0.95
 
 
 def test_attitude_of_an_ahrs_removes_what_pitch_does(rows):
     for excess in paired(rows):
         if excess.real["depth_offset_m"] == 10.0:
-            assert removed(excess, AHRS) > 0.9
-            # with the same sensor on a level leader, what pitch still does is less than what the
-            # sensor does
+            assert share_removed(excess, AHRS) > 0.9
+            # beside a level leader with the same sensor, pitch adds hardly anything
             assert abs(mean_added([excess], READINGS, LEVEL_BROADCAST).value) < 0.02 * excess.added
 
 
 def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it():
     arms = {
-        e.arm.removesuffix(" laisn-2"): e
-        for e in plan(keys=SHORT).entries
-        if e.arm.endswith(" laisn-2")
+        entry.arm.removesuffix(" laisn-2"): entry
+        for entry in plan(keys=SHORT).entries
+        if entry.arm.endswith(" laisn-2")
     }
     study = plan(keys=SHORT).study
-    assert [*arms] == [*dict.fromkeys(arms)]
     assert {*arms} == {*ARMS}
-    assert {a for a in arms if study.arm(f"{a} laisn-2").leader_pitch_deg == 0.0} == {
+    assert {arm for arm in arms if study.arm(f"{arm} laisn-2").leader_pitch_deg == 0.0} == {
         "level",
         "level-0.5",
     }
-    aware = {arm for arm, entry in arms.items() if entry.scenario.navigation.use_attitude}
-    assert aware == {
+    using_attitude = {arm for arm, entry in arms.items() if entry.scenario.navigation.use_attitude}
+    assert using_attitude == {
         "level-0.5",
         "attitude-0",
         "ahrs-0.5",
@@ -135,35 +138,37 @@ def test_arms_differ_in_the_leaders_sensor_and_in_what_followers_make_of_it():
         "attitude-2",
         "offset-0.5",
     }
-    sigma = {arm: entry.scenario.sensors.leader_attitude_sigma_deg for arm, entry in arms.items()}
+    attitude_sigma = {
+        arm: entry.scenario.sensors.leader_attitude_sigma_deg for arm, entry in arms.items()
+    }
     expected = {"level-0.5": 0.5, "ahrs-0.5": 0.5, "attitude-0.5": 0.5, "attitude-2": 2.0}
-    assert sigma == dict.fromkeys(arms, 0.0) | expected
-    offset = {
+    assert attitude_sigma == dict.fromkeys(arms, 0.0) | expected
+    with_offset = {
         arm
         for arm, entry in arms.items()
         if entry.scenario.sensors.leader_attitude_offset_sigma_deg == 0.5
     }
-    assert offset == {"offset-0.5"}
-    gyros = {
+    assert with_offset == {"offset-0.5"}
+    with_gyros = {
         arm
         for arm, entry in arms.items()
         if entry.scenario.sensors.leader_attitude_senses_acceleration
     }
-    assert gyros == {"ahrs-0.5"}
+    assert with_gyros == {"ahrs-0.5"}
     assert {arm: dict(entry.measured) for arm, entry in arms.items() if entry.measured} == {
         "expected": {"navigation.expected_pitch_deg": "leader_pitch_rms_deg"}
     }
 
 
-def test_curves_widen_the_rear_error_and_lower_the_bow():
+def test_curves_vary_the_range_error_of_the_rear_transmitter_and_the_leader_s_pitch():
     tau, pitch = (plan(part, {"scenario": ["T5"]}) for part in ("tau", "pitch"))
-    assert [e.scenario.acoustics.range_tau_m for e in tau.entries[:8]] == [
-        (float(e.arm.split()[0]), 0.01, 0.01) for e in tau.entries[:8]
+    assert [entry.scenario.acoustics.range_tau_m for entry in tau.entries[:8]] == [
+        (float(entry.arm.split()[0]), 0.01, 0.01) for entry in tau.entries[:8]
     ]
-    assert {e.scenario.timing.message_interval_s for e in tau.entries[:8]} == {1.0}
-    assert {e.scenario.timing.message_interval_s for e in (*tau.entries[8:16], *pitch.entries)} == {
-        5.0
-    }
+    assert {entry.scenario.timing.message_interval_s for entry in tau.entries[:8]} == {1.0}
+    assert {
+        entry.scenario.timing.message_interval_s for entry in (*tau.entries[8:16], *pitch.entries)
+    } == {5.0}
     for name, arm in pitch.study.arms.items():
         assert arm.leader_pitch_deg == float(name.split()[0]) <= 0.0
     assert {arm.leader_pitch_deg for arm in tau.study.arms.values()} == {0.0}
@@ -174,14 +179,14 @@ def test_the_excess_of_a_curve_is_paired_run_by_run():
     0.4 m.
     """
     rng = np.random.default_rng(2)
-    noise, own = rng.normal(size=400), 0.1 * rng.normal(size=400)
-    errors = {"0 5": 2.0 + noise, "-2 5": 2.4 + noise + own}
+    common_noise, scatter_of_excess = rng.normal(size=400), 0.1 * rng.normal(size=400)
+    errors = {"0 5": 2.0 + common_noise, "-2 5": 2.4 + common_noise + scatter_of_excess}
     rows = [
-        {"point": 0, "arm": arm, "scenario": "T3", "offset_m": 2.0, "e_p_mean_m": e.mean()}
-        for arm, e in errors.items()
+        {"point": 0, "arm": arm, "scenario": "T3", "offset_m": 2.0, "e_p_mean_m": error.mean()}
+        for arm, error in errors.items()
     ]
     outcomes: Any = SimpleNamespace(
-        rows=rows, runs=[({}, {"e_p_mean_m": e}) for e in errors.values()]
+        rows=rows, runs=[({}, {"e_p_mean_m": error}) for error in errors.values()]
     )
     (curve,) = curves_of(outcomes)
     assert (curve.route, curve.interval_s, curve.depth_offset_m, curve.value) == (
@@ -191,9 +196,11 @@ def test_the_excess_of_a_curve_is_paired_run_by_run():
         (0.0, -2.0),
     )
     excess = curve.excess_at(-2.0)
-    assert excess.value == pytest.approx(0.4 + own.mean())
-    half = 1.959964 * own.std(ddof=1) / 20.0
-    assert (excess.low, excess.high) == pytest.approx((excess.value - half, excess.value + half))
+    assert excess.value == pytest.approx(0.4 + scatter_of_excess.mean())
+    half_interval = 1.959964 * scatter_of_excess.std(ddof=1) / 20.0
+    assert (excess.low, excess.high) == pytest.approx(
+        (excess.value - half_interval, excess.value + half_interval)
+    )
     assert curve.excess_half_m[0] == 0.0
 
 
@@ -229,37 +236,39 @@ def test_equivalent_value_inverts_a_curve():
 @pytest.mark.parametrize("bound", [0.25, 1.0])
 def test_planner_abeam_is_the_bound_over_sin_pitch(pitch_deg, bound):
     pitch = np.deg2rad(pitch_deg)
-    deepest = deepest_offset(pitch, np.pi / 2, 40.0, bound)
-    assert deepest == pytest.approx(bound / np.sin(pitch), rel=0.02)
-    assert worst_error(pitch, deepest, np.pi / 2, 40.0) == pytest.approx(bound, rel=1e-6)
+    depth_offset = deepest_offset(pitch, np.pi / 2, 40.0, bound)
+    assert depth_offset == pytest.approx(bound / np.sin(pitch), rel=0.02)
+    assert worst_error(pitch, depth_offset, np.pi / 2, 40.0) == pytest.approx(bound, rel=1e-6)
 
 
-@pytest.mark.parametrize("reach", [40.0, 100.0])
+@pytest.mark.parametrize("longest_range", [40.0, 100.0])
 @pytest.mark.parametrize("off_axis_deg", [30.0, 60.0])
-def test_the_planner_reckons_with_nose_up_and_down_ahead_and_astern_and_far_away(
-    reach, off_axis_deg
+def test_the_worst_error_is_over_nose_up_and_down_ahead_and_astern_and_all_ranges(
+    longest_range, off_axis_deg
 ):
-    """cos B̂ = cos B cos φ − (Δz / D) sin φ, error = 2 D sin(|B̂ − B| / 2), searched on a fine
-    grid of ranges.
+    """By the closed form cos B̂ = cos B cos φ − (Δz / D) sin φ, error = 2 D sin(|B̂ − B| / 2), on
+    a fine grid of ranges.
     """
-    pitch, offset = np.deg2rad(4.0), 3.0
-    away, worst = np.linspace(5.0, reach, 4001), 0.0
+    pitch, depth_offset = np.deg2rad(4.0), 3.0
+    ranges, worst = np.linspace(5.0, longest_range, 4001), 0.0
     for sign in (1.0, -1.0):
         for bearing in np.deg2rad([off_axis_deg, 180.0 - off_axis_deg]):
-            turned = np.arccos(
-                np.cos(bearing) * np.cos(pitch) - sign * offset / away * np.sin(pitch)
+            fix_bearing = np.arccos(
+                np.cos(bearing) * np.cos(pitch) - sign * depth_offset / ranges * np.sin(pitch)
             )
-            worst = max(worst, float((2.0 * away * np.sin(np.abs(turned - bearing) / 2.0)).max()))
-    assert worst_error(pitch, offset, np.deg2rad(off_axis_deg), reach) == pytest.approx(
-        worst, rel=1e-3
-    )
+            worst = max(
+                worst, float((2.0 * ranges * np.sin(np.abs(fix_bearing - bearing) / 2.0)).max())
+            )
+    assert worst_error(
+        pitch, depth_offset, np.deg2rad(off_axis_deg), longest_range
+    ) == pytest.approx(worst, rel=1e-3)
 
 
 def test_planner_finds_offsets_of_decimetres():
     assert deepest_offset(np.deg2rad(30.0), np.pi / 2, 40.0, 0.05) == pytest.approx(0.1, rel=0.02)
 
 
-def test_beyond_fifty_metres_any_offset_will_do():
+def test_the_planner_looks_no_deeper_than_50_m():
     assert (
         deepest_offset(np.deg2rad(1.0), np.pi / 2, 40.0, 1.0)
         == 50.0
@@ -290,14 +299,14 @@ def test_quick_study_is_resumable_and_repeatable(
     for name in ("map", "equivalents"):
         assert pq.read_table(tmp_path / f"{name}.parquet").num_rows > 0
 
-    def never(*_: object) -> None:
+    def refuse_to_compute(*_: object) -> None:
         raise AssertionError("a stored cell was computed again")
 
-    def fail(*_: object) -> None:
+    def fail_to_render(*_: object) -> None:
         raise RuntimeError("a process that renders frames ended with code 1")
 
-    monkeypatch.setattr(campaign, "compute", never)
-    monkeypatch.setattr(figures, "film", fail)
+    monkeypatch.setattr(campaign, "compute", refuse_to_compute)
+    monkeypatch.setattr(figures, "film", fail_to_render)
     report.unlink()
     with pytest.raises(RuntimeError, match="renders frames"):
         run("asymmetry", keys, tmp_path, quick=True, film="example", workers=1, quiet=True)

@@ -30,10 +30,11 @@ PARTS = {
     part: plan_of(study_of(str(file), {}, quick=True))
     for part, file in built_in_files("estimators").items()
 }
-TURN = float(library_route("L").time[1])
+# when the leader's route L turns
+TURN_TIME_S = float(library_route("L").time[1])
 
 
-def of_hand(
+def mission_by_hand(
     route: str,
     error: float,
     laisn: float,
@@ -42,25 +43,27 @@ def of_hand(
     runs: int = 20,
     **point: Any,
 ) -> Cells:
-    """A mission all of whose runs are alike, but for those that are mirror-locked."""
-    each = np.ones(runs)
-    tight = {
+    """A mission with the arms tight, laisn-2 and ekf, whose runs have these mean errors [m] of the
+    first two; the first `lost` and `laisn_lost` runs are mirror-locked.
+    """
+    ones = np.ones(runs)
+    tight_arrays = {
         "run": np.arange(runs),
-        "e_p_mean_m": error * each,
-        "e_p_rms_m": 2.0 * error * each,
+        "e_p_mean_m": error * ones,
+        "e_p_rms_m": 2.0 * error * ones,
         "e_p_max_m": np.linspace(0.0, 7.0 * error, runs),
-        "nees": 10.0 * error * each,
-        "nis": 6.0 * error * each,
+        "nees": 10.0 * error * ones,
+        "nis": 6.0 * error * ones,
         "mirror_locked": np.arange(runs) < lost,
     }
-    other = {
-        "e_p_mean_m": laisn * each,
-        "e_p_rms_m": 1.25 * laisn * each,
+    laisn_arrays = {
+        "e_p_mean_m": laisn * ones,
+        "e_p_rms_m": 1.25 * laisn * ones,
         "mirror_locked": np.arange(runs) < laisn_lost,
     }
-    plain = {
-        "e_p_mean_m": 2.0 * each,
-        "nees": 6.0 * each,
+    ekf_arrays = {
+        "e_p_mean_m": 2.0 * ones,
+        "nees": 6.0 * ones,
         "mirror_locked": np.arange(runs) < 0.4 * runs,
     }
     row = {
@@ -71,18 +74,22 @@ def of_hand(
         "bound_rms_m": 0.5,
         "bound_smoothed_rms_m": 0.5 * (error + 0.1),
     } | point
-    return Cells([row | {"arm": arm} for arm in ("tight", "laisn-2", "ekf")], [tight, other, plain])
+    return Cells(
+        [row | {"arm": arm} for arm in ("tight", "laisn-2", "ekf")],
+        [tight_arrays, laisn_arrays, ekf_arrays],
+    )
 
 
-def together(*missions: Cells) -> Cells:
-    return Cells(*([one for mission in missions for one in mission[i]] for i in range(3)))
+def joined(*missions: Cells) -> Cells:
+    """The cells of several missions."""
+    return Cells(*([item for mission in missions for item in mission[field]] for field in range(3)))
 
 
-def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
-    first = of_hand("T2", 0.2, 1.0, 0, 5), of_hand("T3", 0.4, 1.0, 3, 6)
-    flown = together(*first, of_hand("T4", 0.9, 1.5, 0, 1))
-    named = findings.mission_findings("G", flown)
-    values = {key.removesuffix(" G"): finding.value for key, finding in named.items()}
+def test_findings_of_several_missions_are_means_medians_and_extremes_over_them() -> None:
+    first_two = mission_by_hand("T2", 0.2, 1.0, 0, 5), mission_by_hand("T3", 0.4, 1.0, 3, 6)
+    missions = joined(*first_two, mission_by_hand("T4", 0.9, 1.5, 0, 1))
+    actual = findings.mission_findings("G", missions)
+    values = {key.removesuffix(" G"): finding.value for key, finding in actual.items()}
     assert values == pytest.approx(
         {
             "ratio": 0.4,
@@ -107,20 +114,22 @@ def test_missions_together_are_means_medians_and_extremes_of_theirs() -> None:
         rel=1e-5,
     )
     exact = stats.binomtest(12, 60).proportion_ci(0.95, "exact")
-    limits = named["mirror-locked-laisn-2 G"]
+    limits = actual["mirror-locked-laisn-2 G"]
     assert (limits.low, limits.high) == pytest.approx((exact.low, exact.high), rel=1e-5)
-    assert named["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
-    assert findings.median_ratio(together(*first)).value == pytest.approx(0.3)
-    wrong = findings.mission_findings(
-        "G", flown._replace(rows=[row | {"bound": None} for row in flown.rows])
+    assert actual["mirror-locked-runs G"].what == "runs locked on the mirror image of 60"
+    assert findings.median_ratio(joined(*first_two)).value == pytest.approx(0.3)
+    without_bound = findings.mission_findings(
+        "G", missions._replace(rows=[row | {"bound": None} for row in missions.rows])
     )
-    assert {"bound G", "bound-worst G", "least G"} == named.keys() - wrong.keys()
+    assert {"bound G", "bound-worst G", "least G"} == actual.keys() - without_bound.keys()
 
 
 def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_route() -> None:
-    flown = together(of_hand("T2", 0.5, 1.0, runs=25), of_hand("T5", 1.5, 1.0, runs=25))
+    missions = joined(
+        mission_by_hand("T2", 0.5, 1.0, runs=25), mission_by_hand("T5", 1.5, 1.0, runs=25)
+    )
     values = {
-        key: finding.value for key, finding in findings.plain_filter_findings("G", flown).items()
+        key: finding.value for key, finding in findings.plain_filter_findings("G", missions).items()
     }
     assert values == pytest.approx(
         {
@@ -137,16 +146,18 @@ def test_a_plain_filter_is_held_against_the_tightly_coupled_navigator_route_by_r
 
 
 def test_what_a_clock_costs_is_the_ratio_of_the_same_runs_in_each_part_of_the_mission() -> None:
-    """Twice the error before the turn, and 1.2 or 1.6 times from a minute after it on."""
+    """An unknown clock gives twice the error before the turn, and 1.2 or 1.6 times from a minute
+    after it on; the bound grows by the square of that. The minute between does not count.
+    """
     time = np.arange(1.0, 1001.0)
-    flown = []
-    for route, after in (("T2", 1.2), ("T5", 1.6)):
-        for case, cost in (("exact", (1.0, 9.0, 1.0)), ("unknown", (2.0, 9.0, after))):
-            ratio = np.select([time <= TURN, time <= TURN + 60.0], cost[:2], cost[2])
+    missions = []
+    for route, ratio_after in (("T2", 1.2), ("T5", 1.6)):
+        for case, cost in (("exact", (1.0, 9.0, 1.0)), ("unknown", (2.0, 9.0, ratio_after))):
+            ratio = np.select([time <= TURN_TIME_S, time <= TURN_TIME_S + 60.0], cost[:2], cost[2])
             steps = {"time_s": time, "e_p_mean_m": 0.3 * ratio, "bound_m": 0.1 * ratio**2}
-            one = of_hand(route, 1.0, 1.0, case=case).where(arm="tight")
-            flown.append(one._replace(steps=[steps]))
-    actual = findings.clock_findings(together(*flown))
+            mission = mission_by_hand(route, 1.0, 1.0, case=case).where(arm="tight")
+            missions.append(mission._replace(steps=[steps]))
+    actual = findings.clock_findings(joined(*missions))
     for name, value in (
         ("clock before", 2.0),
         ("clock after", 1.4),
@@ -186,11 +197,11 @@ def test_a_bound_leaves_open_what_is_estimated_and_lets_it_walk(
 
 @pytest.mark.system
 def test_the_parts_fly_the_settings_of_the_study() -> None:
-    whole = {
+    plans = {
         part: plan_of(study_of(str(file), {}))
         for part, file in built_in_files("estimators").items()
     }
-    assert {part: (len(plan.points), plan.study.runs) for part, plan in whole.items()} == {
+    assert {part: (len(plan.points), plan.study.runs) for part, plan in plans.items()} == {
         "cases": (7 * 2 * 8, 60),
         "clock": (2 * 8, 30),
         "locks": (4, 10_000),
@@ -200,18 +211,20 @@ def test_the_parts_fly_the_settings_of_the_study() -> None:
         "weave": (4, 60),
         "wrong": (14 * 4, 30),
     }
-    usual = TightSettings()
-    for entry in whole["sigma"].entries:
-        sigma, factor = whole["sigma"].points[entry.point]["case"].split()
+    default = TightSettings()
+    for entry in plans["sigma"].entries:
+        sigma, factor = plans["sigma"].points[entry.point]["case"].split()
         if entry.arm == "tight":
-            made = entry.scenario.navigation.settings()
-            assert getattr(made, sigma) == pytest.approx(float(factor) * getattr(usual, sigma))
-    assert {entry.scenario.seed for plan in whole.values() for entry in plan.entries} == {12}
+            settings = entry.scenario.navigation.settings()
+            assert getattr(settings, sigma) == pytest.approx(
+                float(factor) * getattr(default, sigma)
+            )
+    assert {entry.scenario.seed for plan in plans.values() for entry in plan.entries} == {12}
     for part, plan in PARTS.items():
-        assert 1 < plan.study.runs < whole[part].study.runs, "of one run there is no scatter"
+        assert 1 < plan.study.runs < plans[part].study.runs, "of one run there is no scatter"
 
 
-def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners() -> None:
+def test_a_weaving_leader_heads_5_degrees_off_its_legs_in_turn_and_passes_their_corners() -> None:
     route = library_route("L")
     points = np.array(PARTS["weave"].study.cases["weaving"].settings["leader.waypoints"])
     corners = points[np.isin(points[:, 0], route.time)]
@@ -221,14 +234,14 @@ def test_a_leader_that_weaves_keeps_to_its_legs_by_5_degrees_and_to_its_corners(
         leg = np.arctan2(*(route.waypoint[k + 1] - route.waypoint[k]))
         # but for the legs to and from a corner
         inner = (points[:-1, 0] > route.time[k] + 1) & (points[1:, 0] < route.time[k + 1] - 1)
-        off = np.angle(np.exp(1j * (heading[inner] - leg)))
-        np.testing.assert_allclose(np.abs(off), np.deg2rad(5.0), rtol=1e-9)
-        assert np.all(off[1:] * off[:-1] < 0.0)
+        heading_off_leg = np.angle(np.exp(1j * (heading[inner] - leg)))
+        np.testing.assert_allclose(np.abs(heading_off_leg), np.deg2rad(5.0), rtol=1e-9)
+        assert np.all(heading_off_leg[1:] * heading_off_leg[:-1] < 0.0)
 
 
-def made(plan: StudyPlan) -> StudyResults:
-    """What a part might have come to, without flying it: 25 runs with squared errors as their
-    covariance predicts.
+def random_results(plan: StudyPlan) -> StudyResults:
+    """Results of a part of the study, drawn at random and not flown: 25 runs of each entry, whose
+    squared errors are as their covariance predicts.
     """
     rng = np.random.default_rng([7, len(plan.entries)])
     outcomes = StudyResults(plan=plan, rows=[], runs=[], steps=[], store=None)  # type: ignore[arg-type]
@@ -271,11 +284,13 @@ def made(plan: StudyPlan) -> StudyResults:
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
-    """Record and page of a study that was not flown."""
+    """Record and page of a study with `random_results`."""
     folder = tmp_path_factory.mktemp("estimators")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            studies, "fly_until_narrow", lambda plans, folder, **_: [made(plan) for plan in plans]
+            studies,
+            "fly_until_narrow",
+            lambda plans, folder, **_: [random_results(plan) for plan in plans],
         )
         report = run("estimators", {}, folder, quick=True).report()
     return read_findings(folder / "results.json"), report.read_text(encoding="utf-8")
@@ -284,10 +299,10 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, str]:
 @pytest.mark.system
 def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
     record, _ = page
-    none = record["many 3 T5"]
-    assert (none.value, none.low) == (0.0, 0.0)
+    tight_locked = record["many 3 T5"]
+    assert (tight_locked.value, tight_locked.low) == (0.0, 0.0)
     exact = stats.binomtest(0, 25).proportion_ci(0.95, "exact")
-    assert none.high == pytest.approx(exact.high, rel=1e-4)
+    assert tight_locked.high == pytest.approx(exact.high, rel=1e-4)
     assert record["many-laisn-2 3 T5"].value == pytest.approx(7 / 25, rel=1e-4)
     assert record["seed"].value == 12
     names = [
@@ -308,10 +323,8 @@ def test_the_record_has_every_part(page: tuple[Findings, str]) -> None:
 
 
 def test_the_page_is_the_golden_one() -> None:
-    """Of a study that was not flown; each finding has a number of its own, missions have those of
-    `made`.
-    """
-    outcomes = {part: made(plan) for part, plan in PARTS.items()}
+    """Each finding has a number of its own, missions have those of `random_results`."""
+    outcomes = {part: random_results(plan) for part, plan in PARTS.items()}
     record = numbered_record("estimators", findings.findings_of(outcomes))
     values = {"quick": True, "found": record} | figures.values(record, outcomes)
     require_golden(page_of("experiments.studies.estimators", [], values, record), "estimators")
@@ -319,14 +332,14 @@ def test_the_page_is_the_golden_one() -> None:
 
 def test_the_bound_of_a_mission_is_printed_and_written(tmp_path: Path) -> None:
     short = ["--set", "duration_s=30", "--set", "motion=kinematic"]
-    out = tmp_path / "bound.csv"
+    table = tmp_path / "bound.csv"
     result = CliRunner().invoke(
-        app, ["bound", "T5", *short, "--runs", "3", "--out", str(out)], env={"COLUMNS": "160"}
+        app, ["bound", "T5", *short, "--runs", "3", "--out", str(table)], env={"COLUMNS": "160"}
     )
     assert result.exit_code == 0, result.output
     assert "laisn-2, 3 runs" in result.output
-    lines = out.read_text().splitlines()
+    lines = table.read_text().splitlines()
     assert lines[0] == "follower,time_s,bound_m"
     assert len(lines) == 301
-    wrong = CliRunner().invoke(app, ["bound", "T5", *short, "--out", "bound.txt"])
-    assert wrong.exit_code != 0
+    refused = CliRunner().invoke(app, ["bound", "T5", *short, "--out", "bound.txt"])
+    assert refused.exit_code != 0

@@ -1,6 +1,4 @@
-"""The page of the study of formations: what was put into the record stands in its rows, and
-nothing is made up.
-"""
+"""The page of the study of formations: its rows show the numbers of the record."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -35,14 +33,16 @@ def plan() -> StudyPlan:
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
-    """Rows of ten followers, the first `lost` of them lost; distances from 1 to 1.9 times `rms`."""
+    """Rows of ten followers, the first `lost` of them lost; distances from the stations are 1 to 1.9
+    times `rms` [m], rms, and at most `turn` [m] in a turn.
+    """
     return [
         {
-            "station_rms_m": each,
-            "station_p95_m": 2 * each,
-            "station_max_m": 5 * each,
+            "station_rms_m": station_rms_m,
+            "station_p95_m": 2 * station_rms_m,
+            "station_max_m": 5 * station_rms_m,
             "station_turn_max_m": turn,
-            "station_leg_rms_m": each / 2,
+            "station_leg_rms_m": station_rms_m / 2,
             "track_error_end_m": 0.0,
             "lost": float(i < lost),
             "e_p_mean_m": 0.25,
@@ -51,14 +51,14 @@ def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
             "touched": 0.0,
             "power_mean_w": 8.0,
         }
-        for i, each in enumerate(rms * np.linspace(1.0, 1.9, 10))
+        for i, station_rms_m in enumerate(rms * np.linspace(1.0, 1.9, 10))
     ]
 
 
 @pytest.fixture(scope="module")
 def findings() -> Findings:
-    """Of each condition two runs alike; condition i has distances of i + 1 metres, the third
-    lost followers.
+    """Of two equal runs of each condition; condition i has distances from i + 1 metres on, and the
+    third has lost followers.
     """
     rows = {
         name: [run_of(i + 1.0, lost=3 if i == 2 else 0)] * 2 for i, name in enumerate(CONDITIONS)
@@ -68,14 +68,14 @@ def findings() -> Findings:
 
 
 @pytest.fixture
-def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
-    """Calls of the command: the plan and the options of each study that is flown."""
-    calls: list[Any] = []
+def calls(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
+    """The plan and the options of each study that the command flies; no mission is simulated."""
+    flown: list[Any] = []
 
     def fly(plans: list[StudyPlan], folder: Path, **options: Any) -> list[StudyResults]:
         # the version of the plugins, of which there are none
         options.pop("plugins")
-        calls.append((plans[0], options))
+        flown.append((plans[0], options))
         row = {"point": 0, "arm": "calm", "realization": 0, "follower": "f"}
         return [
             StudyResults(
@@ -87,7 +87,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, findings: Findings) -> list[Any]:
     monkeypatch.setattr(
         "experiments.studies.formation.findings.findings_of", lambda _: findings.findings
     )
-    return calls
+    return flown
 
 
 def test_the_page_is_the_golden_one(findings: Findings, plan: StudyPlan) -> None:
@@ -112,20 +112,22 @@ def test_of_a_formation_without_a_turn_no_distance_in_turns_is_shown(
 
 
 @pytest.mark.system
-def test_a_trial_run_is_reported(flown: list[Any], tmp_path: Path) -> None:
-    whole = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
+@pytest.mark.usefixtures("calls")
+def test_a_trial_run_is_reported(tmp_path: Path) -> None:
+    full = run("formation", {}, tmp_path).report().read_text(encoding="utf-8")
     quick = run("formation", {}, tmp_path, quick=True).report().read_text(encoding="utf-8")
     assert "Trial run" in quick
     assert "laisn formation --quick" in quick
-    assert "Trial run" not in whole
-    assert "laisn formation" in whole
+    assert "Trial run" not in full
+    assert "laisn formation" in full
 
 
-def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings) -> None:
+def test_the_figure_has_a_mark_for_each_condition_from_top_to_bottom(findings: Findings) -> None:
     (part,) = figures.picture(findings, CONDITIONS).parts
     marks = {line.marker: line for line in part.lines}
     assert len(marks) == 3
-    # the first condition at the top, and the worst follower 1.9 times as far off as the nearest
+    # the first condition is at the top; "D" marks the worst follower, which is 1.9 times as far off
+    # as the nearest
     expected = 1.9 * np.arange(1.0, len(CONDITIONS) + 1)
     np.testing.assert_allclose(marks["D"].x, expected, rtol=1e-5)
     assert np.all(np.diff(marks["D"].y) == -1)
@@ -136,18 +138,18 @@ def test_the_figure_has_a_mark_for_each_condition_from_above(findings: Findings)
 @pytest.mark.system
 @pytest.mark.parametrize("command", [["formation"], ["study", "formation"]])
 def test_the_command_flies_its_arguments_and_prints_the_page(
-    flown: list[Any], tmp_path: Path, command: list[str]
+    calls: list[Any], tmp_path: Path, command: list[str]
 ) -> None:
-    usual = {"workers": None, "force": False, "cluster": None}
+    defaults = {"workers": None, "force": False, "cluster": None}
     for arguments, expected in (
-        ([], (60, 1000.0, usual)),
-        (["--quick", "--force"], (2, 100.0, usual | {"force": True})),
-        (["--runs", "7", "--workers", "1"], (7, 1000.0, usual | {"workers": 1})),
+        ([], (60, 1000.0, defaults)),
+        (["--quick", "--force"], (2, 100.0, defaults | {"force": True})),
+        (["--runs", "7", "--workers", "1"], (7, 1000.0, defaults | {"workers": 1})),
     ):
-        folder = tmp_path / str(len(flown))
-        answer = CliRunner().invoke(app, [*command, *arguments, "--out", str(folder)])
-        assert answer.exit_code == 0, answer.output
-        plan, options = flown[-1]
+        folder = tmp_path / str(len(calls))
+        result = CliRunner().invoke(app, [*command, *arguments, "--out", str(folder)])
+        assert result.exit_code == 0, result.output
+        plan, options = calls[-1]
         assert (plan.study.runs, plan.entries[0].scenario.duration_s, options) == expected
         assert (folder / "report.html").is_file()
-        assert "report in" in answer.output
+        assert "report in" in result.output

@@ -1,5 +1,5 @@
-"""A leader that weaves, in closed form: where both vehicles are, what it costs, and which way
-the bound must go.
+"""A leader that weaves: positions of both vehicles and the longer path in closed form, and how the
+bound changes with the weave.
 """
 
 import numpy as np
@@ -17,17 +17,19 @@ from experiments.studies.formation.findings import (
 
 
 def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_now() -> None:
-    """Of small swings: heading a sin ωt, so that the way is a v/ω (1 − cos ωt) aside."""
-    amplitude, omega, late = np.deg2rad(1.0), 2 * np.pi / 40.0, 20.0
-    bound_geometry = geometry(1.0, 40.0, late)
+    """For small amplitudes a: with the heading a sin ωt, the leader is a v/ω (1 − cos ωt) aside of
+    its course.
+    """
+    amplitude, omega, delay = np.deg2rad(1.0), 2 * np.pi / 40.0, 20.0
+    bound_geometry = geometry(1.0, 40.0, delay)
     time = bound_geometry.dt * bound_geometry.message_step
-    then = bound_geometry.dt * np.arange(1, 3001) - late
+    time_of_leader = bound_geometry.dt * np.arange(1, 3001) - delay
     np.testing.assert_allclose(
-        bound_geometry.heading, amplitude * np.sin(omega * then), rtol=0, atol=1e-12
+        bound_geometry.heading, amplitude * np.sin(omega * time_of_leader), rtol=0, atol=1e-12
     )
-    aside = amplitude / omega * (np.cos(omega * time) - np.cos(omega * (time - late)))
-    np.testing.assert_allclose(bound_geometry.from_leader[:, 0], aside, atol=0.002)
-    np.testing.assert_allclose(bound_geometry.from_leader[:, 1], -late, atol=0.01)
+    east = amplitude / omega * (np.cos(omega * time) - np.cos(omega * (time - delay)))
+    np.testing.assert_allclose(bound_geometry.from_leader[:, 0], east, atol=0.002)
+    np.testing.assert_allclose(bound_geometry.from_leader[:, 1], -delay, atol=0.01)
     heading = amplitude * np.sin(omega * time)
     axis = np.column_stack([np.sin(heading), np.cos(heading)])
     np.testing.assert_allclose(
@@ -36,31 +38,34 @@ def test_the_follower_is_where_the_leader_was_and_the_transmitters_on_the_axis_n
     np.testing.assert_array_equal(bound_geometry.arms[:, :, 2], -10.0)
 
 
-def test_a_straight_leader_is_straight_ahead() -> None:
+def test_without_a_weave_the_follower_is_straight_behind() -> None:
     bound_geometry = geometry(0.0, 40.0, 40.0)
     np.testing.assert_allclose(
         bound_geometry.from_leader, np.tile([0.0, -40.0], (300, 1)), atol=1e-9
     )
-    # a follower 40 m behind, which was there 40 s before, swims 1 m/s
+    # a follower that is 40 m behind, and follows by 40 s, swims 1 m/s
     np.testing.assert_array_equal(bound_geometry.speed, 1.0)
     assert (bound_geometry.dt, bound_geometry.speed.size) == (0.1, 3000)
     assert extra_way(0.0) == 0.0
 
 
 @pytest.mark.parametrize("amplitude", [2.0, 5.0, 10.0])
-def test_a_weave_costs_the_value_of_a_bessel_function(amplitude: float) -> None:
+def test_the_longer_path_of_a_weave_follows_from_a_bessel_function(amplitude: float) -> None:
     """The mean of cos(a sin φ) over a period is J₀(a)."""
     assert extra_way(amplitude) == pytest.approx(1.0 / j0(np.deg2rad(amplitude)) - 1.0, rel=1e-9)
 
 
-def test_the_bound_shrinks_with_weave_amplitude_and_distance() -> None:
+def test_the_bound_shrinks_with_more_amplitude_and_less_distance() -> None:
     for behind in DISTANCES_BEHIND_M:
         errors = [
             least_error(amplitude, 40.0, float(behind)) for amplitude in (0.0, 2.0, 5.0, 10.0)
         ]
         assert errors == sorted(errors, reverse=True)
         assert errors[-1] < 0.6 * errors[0]
-    assert all(least_error(a, p, 20.0) < least_error(a, p, 40.0) for a, p in WEAVES)
+    assert all(
+        least_error(amplitude, period, 20.0) < least_error(amplitude, period, 40.0)
+        for amplitude, period in WEAVES
+    )
     actual = weave_findings()
     assert len(actual) == len(WEAVES) * (len(DISTANCES_BEHIND_M) + 1)
     assert actual["weave 5 40 20"].value == pytest.approx(least_error(5.0, 40.0, 20.0), rel=1e-5)

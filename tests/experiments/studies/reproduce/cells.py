@@ -27,15 +27,18 @@ COLUMNS = {
 
 
 class Setting(NamedTuple):
+    """A setting of the paper's tables, as a case of the study file labels it."""
+
     name: str
     title: str
     stage: int
     table: str
-    like: str
+    like: str  # name of the setting whose published figures it is compared with, if not its own
     variants: tuple[str, ...]
 
     @property
     def printed(self) -> bool:
+        """Whether the paper has a table of it."""
         return self.table not in ("text", "alternative")
 
 
@@ -48,7 +51,9 @@ SETTINGS = [
 def entries(**keys: Any) -> dict[tuple[str, str, str], PlanEntry]:
     """Entries of the tables by setting, mission and variant."""
     plan = plan_of(study_of(str(FILES["tables"]), {"runs": 1, **keys}))
-    return {(plan.points[one.point]["case"], one.source, one.arm): one for one in plan.entries}
+    return {
+        (plan.points[entry.point]["case"], entry.source, entry.arm): entry for entry in plan.entries
+    }
 
 
 ENTRIES = entries()
@@ -56,9 +61,9 @@ ENTRIES = entries()
 
 def columns(setting: str) -> dict[str, Any]:
     """The setting as columns named as in the published tables."""
-    made: Any = ENTRIES[setting, "T5", "laisn-3-2"].scenario.model_dump()
+    table: Any = ENTRIES[setting, "T5", "laisn-3-2"].scenario.model_dump()
 
-    def inner(part: Any, name: str) -> Any:
-        return part[int(name) if name.isdigit() else name]
+    def item_of(section: Any, name: str) -> Any:
+        return section[int(name) if name.isdigit() else name]
 
-    return {name: reduce(inner, key.split("."), made) for name, key in COLUMNS.items()}
+    return {name: reduce(item_of, key.split("."), table) for name, key in COLUMNS.items()}

@@ -18,10 +18,12 @@ from reports.page import Figures, Page, TableCell, Text, page_of, ratio_tone
 from tests.experiments.studies.reproduce.cells import SETTINGS, Setting
 from tests.golden import require_golden
 
+# five settings of the paper with LAISN-2 alone
 BASE, GATE, SLOW, ASYMMETRIC, TEXT = (
     next(s for s in SETTINGS if s.name == name)._replace(variants=("laisn-2",))
     for name in ("base", "measured-gate", "10s", "asymmetric", "muD0.3")
 )
+# mean errors of two missions, here and in the paper [m]
 OURS = {"T2": 3.0, "T3": 1.0}
 THEIRS = {"T2": 1.0, "T3": 1.25}
 
@@ -54,9 +56,14 @@ def page_with(
     judgements: Sequence[tuple[Claim, ClaimJudgement, ClaimJudgement]] = (),
 ) -> Page:
     """The page of these figures."""
-    labels = {s.name: {"stage": s.stage, "table": s.table, "like": s.like} for s in settings}
+    labels = {
+        setting.name: {"stage": setting.stage, "table": setting.table, "like": setting.like}
+        for setting in settings
+    }
     rows = {key: row | labels[key[0]] for key, row in rows.items()}
-    values = page_values({s.name: s.title for s in settings}, rows, published, judgements)
+    values = page_values(
+        {setting.name: setting.title for setting in settings}, rows, published, judgements
+    )
     values |= {
         "motion": "",
         "quick": False,
@@ -69,20 +76,22 @@ def page_with(
     return page_of("experiments.studies.reproduce", [], values, record)
 
 
-def made(*given: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
+def page_of_settings(*settings_and_rows: tuple[Setting, dict[str, dict[str, Any]]]) -> Page:
     """The page of settings, mission by mission; the paper has `THEIRS` of some."""
     flown: dict[Key, Any] = {
-        (s.name, mission, "laisn-2"): row for s, rows in given for mission, row in rows.items()
+        (setting.name, mission, "laisn-2"): row
+        for setting, rows in settings_and_rows
+        for mission, row in rows.items()
     }
     published: dict[Key, dict[str, float]] = {
         (name, mission, "laisn-2"): {metric: figures(mean)[metric] for metric in METRICS}
         for name in ("base", "10s", "10s-slow", "asymmetric")
         for mission, mean in THEIRS.items()
     }
-    return page_with([s for s, _ in given], flown, published)
+    return page_with([setting for setting, _ in settings_and_rows], flown, published)
 
 
-ALL = {mission: figures(mean) for mission, mean in OURS.items()}
+OUR_ROWS = {mission: figures(mean) for mission, mean in OURS.items()}
 
 
 def test_the_page_is_the_golden_one() -> None:
@@ -94,9 +103,9 @@ def test_the_page_is_the_golden_one() -> None:
     """
     locked = figures(3.0, mirror_locked_runs=6, e_p_mean_unlocked_m=1.5)
     slower = SLOW._replace(name="10s-slow")
-    page = made(
+    page = page_of_settings(
         (BASE, {"T2": locked, "T3": figures(1.99 * 1.25)}),
-        (GATE, ALL),
+        (GATE, OUR_ROWS),
         (SLOW, {"T2": figures(9.0), "T3": figures(1.25)}),
         (slower, {mission: figures(2 * mean) for mission, mean in OURS.items()}),
         (ASYMMETRIC, {"T2": figures(1.0), "T3": figures(0.5 * 1.25)}),
@@ -106,8 +115,8 @@ def test_the_page_is_the_golden_one() -> None:
 
 
 def test_without_rows_far_off_none_is_listed() -> None:
-    alone = made((BASE, {"T3": figures(1.0)})).sections[2].blocks[1]
-    assert alone == Text(text="0 of 1 rows differ by more than a factor of 2 in mean E_P.")
+    block = page_of_settings((BASE, {"T3": figures(1.0)})).sections[2].blocks[1]
+    assert block == Text(text="0 of 1 rows differ by more than a factor of 2 in mean E_P.")
 
 
 @pytest.mark.parametrize(
@@ -126,6 +135,6 @@ def test_without_rows_far_off_none_is_listed() -> None:
         (float("nan"), ""),
     ],
 )
-def test_ratios_are_coloured_alike_either_way(ratio: float, tone: str) -> None:
+def test_a_ratio_and_its_inverse_have_colours_of_the_same_strength(ratio: float, tone: str) -> None:
     assert ratio_tone(ratio) == tone
     assert TableCell(text="", tone=ratio_tone(ratio)).style.strip() == f"short {tone}".strip()

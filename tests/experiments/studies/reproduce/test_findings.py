@@ -29,11 +29,13 @@ BASE, GATE = (
     next(s for s in SETTINGS if s.name == name)._replace(variants=("laisn-2",))
     for name in ("base", "measured-gate")
 )
+# mean errors of three missions, here and in the paper [m]
 OURS = {"T2": 3.0, "T3": 1.0, "T4": 0.9}
 THEIRS = {"T2": 1.0, "T3": 2.0, "T4": 1.0}
 
 
 def figures(mean: float) -> dict[str, Any]:
+    """A row of which all figures that the paper prints are `mean`."""
     return dict.fromkeys(METRICS, mean) | {
         "runs": 60,
         "mirror_locked_runs": 3,
@@ -50,19 +52,21 @@ def figures(mean: float) -> dict[str, Any]:
 
 
 ROWS = {
-    (s.name, m, "laisn-2"): figures(v) | {"like": s.like}
-    for s in (BASE, GATE)
-    for m, v in OURS.items()
+    (setting.name, mission, "laisn-2"): figures(mean) | {"like": setting.like}
+    for setting in (BASE, GATE)
+    for mission, mean in OURS.items()
 }
 PUBLISHED: dict[Key, dict[str, float]] = {
-    ("base", m, "laisn-2"): dict.fromkeys(METRICS, v) for m, v in THEIRS.items()
+    ("base", mission, "laisn-2"): dict.fromkeys(METRICS, mean) for mission, mean in THEIRS.items()
 }
 
 
 def judged(*verdicts: Verdict) -> list[tuple[Any, ClaimJudgement, ClaimJudgement]]:
-    held = ClaimJudgement(verdict="holds")
+    """The first claims with these verdicts of ours; on the paper's own figures each holds."""
+    on_paper = ClaimJudgement(verdict="holds")
     return [
-        (claim, ClaimJudgement(verdict=v), held) for claim, v in zip(CLAIMS, verdicts, strict=False)
+        (claim, ClaimJudgement(verdict=verdict), on_paper)
+        for claim, verdict in zip(CLAIMS, verdicts, strict=False)
     ]
 
 
@@ -78,7 +82,7 @@ def test_a_cell_of_medians_shows_them(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (cell.text, cell.title, cell.tone) == ("0.90", "0.50 … 3.00", "0.9")
 
 
-def test_the_record_quotes_medians_captures_and_claims() -> None:
+def test_the_record_has_median_ratios_mirror_locks_and_verdicts_on_claims() -> None:
     judgements = judged("holds", "depends", "does not hold", "no data", "holds", "undecided")
     criterion = JudgedCriterion(
         quantity="median", interval=Interval(1.5, 1.4, 1.6), relation="≤", bound=2.0
@@ -100,10 +104,10 @@ def test_the_record_quotes_medians_captures_and_claims() -> None:
         "no data": (1, "4"),
         "undecided": (1, "6"),
     }
-    for verdict, (number, which) in expected.items():
+    for verdict, (number, claim_numbers) in expected.items():
         assert (actual[f"our {verdict} number"].value, actual[f"our {verdict}"].value) == (
             number,
-            which,
+            claim_numbers,
         )
     assert format(actual["criterion 2.1"], ".1f i") == "1.5 (1.4 to 1.6)"
     assert actual["criterion 2.1"].what == "median, ≤ 2: met; 99.8%"
@@ -137,10 +141,15 @@ def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     page = page_with(
         (BASE, GATE), ROWS, PUBLISHED, [(claim, ours, ClaimJudgement(verdict="holds"))]
     )
-    (first,), (detail,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
-    assert [cell.text for cell in first][:4] == ["3", claim.text, "depends on the mission", "holds"]
-    assert [cell.tone for cell in first[2:4]] == ["maybe", "yes"]
-    assert [cell.text for cell in detail] == [
+    (summary_row,), (detail_row,) = (page.sections[i].blocks[0].rows for i in (0, 1))  # type: ignore[union-attr]
+    assert [cell.text for cell in summary_row][:4] == [
+        "3",
+        claim.text,
+        "depends on the mission",
+        "holds",
+    ]
+    assert [cell.tone for cell in summary_row[2:4]] == ["maybe", "yes"]
+    assert [cell.text for cell in detail_row] == [
         "3",
         "depends on the mission",
         "median: 1.50 (1.40 to 1.60) ≤ 2: met",
@@ -148,7 +157,7 @@ def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     ]
 
 
-def test_numbers_in_words() -> None:
+def test_numbers_of_claims_are_listed_in_words() -> None:
     assert [listed(n) for n in ([], [3], [1, 7], [1, 2, 9])] == [
         "none",
         "3",
@@ -160,9 +169,9 @@ def test_numbers_in_words() -> None:
 def test_the_mean_distance_is_that_of_hydrophone_and_leader() -> None:
     flight = make_trajectory(make_scenario(30.0))
     site = flight.site_names.index(f"{flight.names[1]}/hydrophone")
-    apart = [
+    distances = [
         np.linalg.norm(flight.site_position[i, site, :2] - flight.position[i, 0, :2])
         for i in range(flight.time.size)
     ]
-    assert mean_distance(flight) == pytest.approx(sum(apart) / len(apart), rel=1e-12)
+    assert mean_distance(flight) == pytest.approx(sum(distances) / len(distances), rel=1e-12)
     assert mean_distance(flight) > 1.0

@@ -30,37 +30,38 @@ from reports.intervals import Interval
 from tests.experiments.studies.reproduce.cells import SETTINGS
 
 Figure = Callable[[str, str, str, str], float | None]
-"""Setting, mission, variant, metric; None: 1."""
+"""Figure of a setting s, mission m, variant v and metric x; None: 1."""
 
 
-CELLS = [(s.name, v) for s in SETTINGS for v in s.variants]
+CELLS = [(setting.name, variant) for setting in SETTINGS for variant in setting.variants]
 
 
 def judged(
     number: int, figure: Figure, timed: Mapping[str, Mapping[str, float]] | None = None
 ) -> ClaimJudgement:
-    """The verdict on a claim where every figure is 1 but for those that are given; `timed` by
-    mission.
+    """The verdict on a claim where every figure is 1 but for those of `figure`; `timed` has figures
+    over time, by mission and name.
     """
-    each = {
+    arrays = {
         (f"{s} {v}", x): np.array([[figure(s, m, v, x) or 1.0 for m in ROUTES]])
         for s, v in CELLS
         for x in (*METRICS, "distance_m")
     }
     for name in TIMED if timed else ():
         values = [(timed or {}).get(m, {}).get(name, np.nan) for m in ROUTES]
-        each["base laisn-2", name] = np.array([values])
-    return CLAIMS[number - 1].judge(MetricValues(values=each, exact=True))
+        arrays["base laisn-2", name] = np.array([values])
+    return CLAIMS[number - 1].judge(MetricValues(values=arrays, exact=True))
 
 
 def on_routes(setting: str, variants: tuple[str, ...], *values: float) -> Figure:
-    """These values of every metric in a setting, route by route, the last of them for all that
-    are left.
+    """These values of every metric of the variants in a setting, route by route; further routes
+    have the last of them.
     """
-    of = dict(zip(ROUTES, [*values, *[values[-1]] * len(ROUTES)], strict=False))
-    return lambda s, m, v, x: of[m] if s == setting and v in variants else None
+    by_route = dict(zip(ROUTES, [*values, *[values[-1]] * len(ROUTES)], strict=False))
+    return lambda s, m, v, x: by_route[m] if s == setting and v in variants else None
 
 
+# variants with so many transmitters
 TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
 
 
@@ -74,7 +75,7 @@ TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
         (2, lambda s, m, v, x: {"5s": 2.0, "10s": 3.99}.get(s), "depends"),
         (3, on_routes("L1", BOTH, 1.25), "holds"),
         (3, on_routes("L1", BOTH, 1.26), "depends"),
-        # the nine tenths of sixteen lie between the fourteenth and the fifteenth
+        # the 90 % quantile of sixteen lies between the fourteenth and the fifteenth
         (3, on_routes("L1", BOTH, 1.6, 1.0), "holds"),
         (3, on_routes("L1", BOTH, 1.6, 1.6, 1.0), "depends"),
         (3, on_routes("L1", BOTH, 1.6), "does not hold"),
@@ -98,8 +99,8 @@ TWO, THREE, BOTH = ("laisn-2",), ("laisn-3-2",), ("laisn-2", "laisn-3-2")
         (7, on_routes("asymmetric", THREE, 0.81), "does not hold"),
         (8, on_routes("muD0.3", TWO, 1.25), "holds"),
         (8, on_routes("muD0.3", TWO, 1.26), "depends"),
-        # three tenths of the way from the seventh of eight to the last: 1 + 0.3 · 1.5, and 1 + 0.3
-        # · 2
+        # the 90 % quantile of eight lies three tenths of the way from the seventh to the last: at
+        # 1 + 0.3 · 1.5, and at 1 + 0.3 · 2
         (8, on_routes("muD0.3", TWO, 2.5, 1.0), "holds"),
         (8, on_routes("muD0.3", TWO, 3.0, 1.0), "depends"),
         (8, on_routes("muD0.3", TWO, 1.6), "does not hold"),
@@ -113,53 +114,58 @@ def test_a_claim_holds_up_to_the_edge_of_its_criterion(
 
 def steps(bearing: list[float], error: list[float]) -> dict[str, float]:
     """Figures over time of three hundred steps of each value."""
-    given = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
-    kept = {name: np.repeat(values, 300).astype(np.float32) for name, values in given.items()}
-    return over_time(kept | {"time_s": np.arange(300.0 * len(error), dtype=np.float32)})
+    columns = {
+        "bearing_deg": bearing,
+        "e_p_mean_m": error,
+        "e_b_max_deg": error,
+        "speed_m_s": error,
+    }
+    arrays = {name: np.repeat(values, 300).astype(np.float32) for name, values in columns.items()}
+    return over_time(arrays | {"time_s": np.arange(300.0 * len(error), dtype=np.float32)})
 
 
 def test_followers_abeam_are_held_against_the_others() -> None:
-    def top(t3: float, t4: float) -> Figure:
+    def largest_errors(t3: float, t4: float) -> Figure:
         return lambda s, m, v, x: {"T3": t3, "T4": t4}.get(m) if x == "e_p_max_m" else None
 
-    assert judged(1, top(0.9, 0.5)).verdict == "holds"
-    assert judged(1, top(1.1, 0.5)).verdict == "depends"
-    assert judged(1, top(1.5, 0.5)).verdict == "does not hold"
+    assert judged(1, largest_errors(0.9, 0.5)).verdict == "holds"
+    assert judged(1, largest_errors(1.1, 0.5)).verdict == "depends"
+    assert judged(1, largest_errors(1.5, 0.5)).verdict == "does not hold"
     abeam, astern = steps([80.0, 175.0], [1.0, 3.0]), steps([-100.0, 190.0], [2.0, 1.0])
-    kept = {"T2": abeam, "T5": astern, "T6": abeam, "T7": steps([20.0, 160.0], [1.0, 1.0])}
-    actual = judged(1, top(0.9, 0.5), kept)
+    timed = {"T2": abeam, "T5": astern, "T6": abeam, "T7": steps([20.0, 160.0], [1.0, 1.0])}
+    actual = judged(1, largest_errors(0.9, 0.5), timed)
     assert actual.verdict == "holds"
     assert actual.criteria[2].interval.value == pytest.approx(2 / 3)
-    del kept["T6"]
-    assert judged(1, top(0.9, 0.5), kept).verdict == "depends"
+    del timed["T6"]
+    assert judged(1, largest_errors(0.9, 0.5), timed).verdict == "depends"
 
 
-def test_the_heading_claim_reports_the_explained_variance_of_a_line() -> None:
+def test_the_heading_claim_reports_the_variance_that_a_line_through_the_origin_explains() -> None:
     distance = dict(zip(ROUTES, (40.0, 55.0, 75.0, 76.0, 38.0, 47.0, 41.0, 77.0), strict=True))
     error = dict(zip(ROUTES, (4.0, 5.0, 8.0, 7.0, 4.5, 4.0, 5.0, 7.5), strict=True))
 
-    def grown(lateral: float, others: float) -> Figure:
+    def with_growth(lateral: float, others: float) -> Figure:
         def figure(setting: str, mission: str, variant: str, metric: str) -> float:
             if metric == "distance_m":
                 return distance[mission]
-            before = lateral if mission in ("T3", "T4") else others
-            return error[mission] if setting == "heading5" else error[mission] / before
+            growth = lateral if mission in ("T3", "T4") else others
+            return error[mission] if setting == "heading5" else error[mission] / growth
 
         return figure
 
-    actual = judged(9, grown(5.1, 5.0))
-    d, e = np.array([*distance.values()]), np.array([*error.values()])
-    _, (left,), *_ = np.linalg.lstsq(d[:, None], e, rcond=None)
-    share = 100 * (1 - left / (e.size * e.var()))
-    assert share > 80.0
+    actual = judged(9, with_growth(5.1, 5.0))
+    distances, errors = np.array([*distance.values()]), np.array([*error.values()])
+    _, (residual,), *_ = np.linalg.lstsq(distances[:, None], errors, rcond=None)
+    explained_percent = 100 * (1 - residual / (errors.size * errors.var()))
+    assert explained_percent > 80.0
     assert actual.verdict == "holds"
-    assert actual.criteria[1].interval.value == pytest.approx(share / 100)
-    assert judged(9, grown(4.9, 4.0)).verdict == "depends"
-    assert judged(9, grown(5.1, 5.2)).verdict == "depends"
+    assert actual.criteria[1].interval.value == pytest.approx(explained_percent / 100)
+    assert judged(9, with_growth(4.9, 4.0)).verdict == "depends"
+    assert judged(9, with_growth(5.1, 5.2)).verdict == "depends"
 
 
 def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
-    def bearing(t8: float, t2: float = 1.0) -> Figure:
+    def largest_bearing_errors(t8: float, t2: float = 1.0) -> Figure:
         return lambda s, m, v, x: {"T8": t8, "T2": t2}.get(m) if x == "e_b_max_deg" else None
 
     def peak(lag: float) -> dict[str, dict[str, float]]:
@@ -169,53 +175,56 @@ def test_the_burst_gives_the_largest_bearing_error_soon_after_it() -> None:
         time = np.arange(0.0, 300.0)
         speed = np.where((time >= 100) & (time <= 110), 1.91, 1.0)
         speed[105], error = 2.0, np.where(time == 110 + lag, 9.0, 1.0)
-        kept = {
+        columns = {
             "time_s": time,
             "speed_m_s": speed,
             "e_b_max_deg": error,
             "e_p_mean_m": error,
             "bearing_deg": error,
         }
-        return {"T8": over_time({name: values.astype(np.float32) for name, values in kept.items()})}
+        return {
+            "T8": over_time({name: values.astype(np.float32) for name, values in columns.items()})
+        }
 
-    assert judged(10, bearing(2.0)).verdict == "holds"
-    assert judged(10, bearing(2.0, 3.0)).verdict == "depends"
-    assert judged(10, bearing(0.5, 3.0)).verdict == "does not hold"
-    actual = judged(10, bearing(2.0), peak(30.0))
+    assert judged(10, largest_bearing_errors(2.0)).verdict == "holds"
+    assert judged(10, largest_bearing_errors(2.0, 3.0)).verdict == "depends"
+    assert judged(10, largest_bearing_errors(0.5, 3.0)).verdict == "does not hold"
+    actual = judged(10, largest_bearing_errors(2.0), peak(30.0))
     assert actual.verdict == "holds"
-    assert judged(10, bearing(2.0), peak(31.0)).verdict == "depends"
+    assert judged(10, largest_bearing_errors(2.0), peak(31.0)).verdict == "depends"
 
 
 def test_missions_are_judged_by_their_median() -> None:
-    """LAISN-3(2) over LAISN-2 of three missions: median 0.5, mean 0.9; at 0.8 or less on two of
-    three.
+    """Ratios of LAISN-3(2) over LAISN-2 on three missions: the median is 0.5 and the mean 0.9,
+    against a bound of 0.8, which one mission exceeds.
     """
-    each = {(f"{s} {v}", x): np.ones((1, 8)) for s, v in CELLS for x in METRICS}
-    each["asymmetric laisn-3-2", "e_p_mean_m"] = np.array(
+    arrays = {(f"{s} {v}", x): np.ones((1, 8)) for s, v in CELLS for x in METRICS}
+    arrays["asymmetric laisn-3-2", "e_p_mean_m"] = np.array(
         [[0.5, 1.0, 1.0, 0.5, 1.0, 1.0, 1.7, 1.0]]
     )
     ratio = {**CLAIMS[6].ratios[0], "missions": ["T2", "T5", "T8"]}
     assert (
-        replace(CLAIMS[6], ratios=[ratio]).judge(MetricValues(values=each, exact=True)).verdict
+        replace(CLAIMS[6], ratios=[ratio]).judge(MetricValues(values=arrays, exact=True)).verdict
         == "depends"
     )
 
 
-def test_every_judged_figure_decides_a_criterion() -> None:
-    """Every claim has data from the cells that replications fly, and from nothing else."""
-    each = {
+def test_claims_need_all_cells_that_replications_fly_and_no_others() -> None:
+    """With these cells every claim has data; without any one of them some claim has none."""
+    arrays = {
         (cell, x): np.ones((1, 8))
         for cell in JUDGED_CELLS
         for x in (*METRICS, "distance_m", *TIMED)
     }
     assert all(
-        claim.judge(MetricValues(values=each, exact=True)).verdict != "no data" for claim in CLAIMS
+        claim.judge(MetricValues(values=arrays, exact=True)).verdict != "no data"
+        for claim in CLAIMS
     )
     for cell in JUDGED_CELLS:
-        fewer = MetricValues(
-            values={key: values for key, values in each.items() if key[0] != cell}, exact=True
+        without_cell = MetricValues(
+            values={key: values for key, values in arrays.items() if key[0] != cell}, exact=True
         )
-        assert "no data" in [claim.judge(fewer).verdict for claim in CLAIMS], cell
+        assert "no data" in [claim.judge(without_cell).verdict for claim in CLAIMS], cell
 
 
 @pytest.mark.parametrize(
@@ -312,31 +321,29 @@ def test_a_verdict_is_undecided_where_it_hangs_on_a_criterion_that_is(
 
 @pytest.mark.parametrize("kind", ["share", "ratio"])
 def test_a_mean_over_replications_has_the_limits_of_students_t(kind: Kind) -> None:
-    """The bootstrap's standard error of a mean is s / √K, but for its own scatter, 1 / √(2 ·
-    2000).
+    """The bootstrap's standard error of a mean of K replications is s / √K, with a relative scatter
+    of 1 / √(2 · 2000).
     """
     rng = np.random.default_rng(4)
     values = rng.normal(0.5, 0.01, 10)
     figures = MetricValues(values={("base laisn-2", "x"): values[:, None]})
     value, low, high = figures.interval(figures.means_or_nan("base laisn-2", "x")[:, 0], kind)
-    half = stats.t.ppf(0.999, 9) * values.std(ddof=1) / np.sqrt(10)
-    assert (value - low, high - value) == pytest.approx((half, half), rel=0.1)
+    half_interval = stats.t.ppf(0.999, 9) * values.std(ddof=1) / np.sqrt(10)
+    assert (value - low, high - value) == pytest.approx((half_interval, half_interval), rel=0.1)
     if kind == "ratio":
         assert low * high == pytest.approx(value**2, rel=1e-12)
 
 
-def test_verdicts_of_independent_studies_agree_or_are_undecided() -> None:
-    """Claim 8 at the very bound, in 200 studies of ten replications each: decided by chance
-    twice in a thousand.
-    """
+def test_a_figure_at_the_very_bound_is_hardly_ever_decided_by_chance() -> None:
+    """Claim 8 in 200 studies of ten replications each: chance decides two in a thousand."""
     claim, decided = CLAIMS[7], 0
     for seed in range(200):
         rng = np.random.default_rng(seed)
-        each: dict[tuple[str, str], Floats] = {
+        arrays: dict[tuple[str, str], Floats] = {
             ("5s laisn-2", "e_p_mean_m"): 1.0 + 0.05 * rng.normal(size=(10, 8)),
             ("muD0.3 laisn-2", "e_p_mean_m"): 1.25 * (1.0 + 0.05 * rng.normal(size=(10, 8))),
         }
-        actual = claim.judge(MetricValues(values=each))
+        actual = claim.judge(MetricValues(values=arrays))
         decided += actual.criteria[0].outcome != "undecided"
         assert actual.criteria[1].outcome == "met"
     # less than 0.4 are expected of 200, and four or more come in a thousandth of trials

@@ -1,5 +1,5 @@
-"""The stages as data: every published row belongs to one setting, and every setting is that of
-the paper.
+"""The study file of the paper's stages: every published row belongs to one setting, and every
+setting is that of the paper.
 """
 
 import csv
@@ -19,26 +19,26 @@ def rows_of_the_file():
 
 
 def test_a_published_row_is_of_the_setting_that_its_columns_describe():
-    by_name = {s.name: s for s in SETTINGS}
+    by_name = {setting.name: setting for setting in SETTINGS}
     for row in rows_of_the_file():
-        made, setting = columns(row["setting"]), by_name[row["setting"]]
+        setting_columns, setting = columns(row["setting"]), by_name[row["setting"]]
         assert (row["table"], row["stage"]) == (setting.table, str(setting.stage))
-        described = [column for column in row if column in made]
+        described = [column for column in row if column in setting_columns]
         assert len(described) == 9
         assert [float(row[column]) for column in described] == [
-            float(made[column]) for column in described
+            float(setting_columns[column]) for column in described
         ]
 
 
-def test_all_144_published_rows_are_reached_once():
+def test_each_of_the_144_published_rows_is_a_planned_cell():
     rows = published()
     assert len(rows) == len(rows_of_the_file()) == 144
     planned = {
-        (s.name, route, variant)
-        for s in SETTINGS
-        if s.printed
+        (setting.name, route, variant)
+        for setting in SETTINGS
+        if setting.printed
         for route in ROUTES
-        for variant in s.variants
+        for variant in setting.variants
     }
     assert set(rows) == planned
 
@@ -63,16 +63,21 @@ def test_figures_stand_where_the_paper_prints_them(key, metric, value):
 
 
 def test_settings_that_the_paper_only_describes_are_flown_too():
-    described = [s for s in SETTINGS if s.table == "text"]
-    received = {s.name: SCENARIOS[s.name, "T5", "laisn-2"].acoustics for s in described}
-    assert received["muD0.3"].range_scale_mean_m == 0.3
-    assert [a.range_tau_m for name, a in received.items() if name.startswith("tau")] == [
+    described = [setting for setting in SETTINGS if setting.table == "text"]
+    acoustics = {
+        setting.name: SCENARIOS[setting.name, "T5", "laisn-2"].acoustics for setting in described
+    }
+    assert acoustics["muD0.3"].range_scale_mean_m == 0.3
+    assert [
+        settings.range_tau_m for name, settings in acoustics.items() if name.startswith("tau")
+    ] == [
         (0.03,) * 3,
         (0.06,) * 3,
     ]
 
 
 def test_columns_of_a_table_are_the_values_of_its_setting():
+    """Values as the paper states them for its settings."""
     base = {
         "dt_s": 0.1,
         "dt_range_s": 1.0,
@@ -104,7 +109,7 @@ def test_columns_of_a_table_are_the_values_of_its_setting():
         assert {key: actual[key] for key in base} == base | changed
 
 
-STATED = {
+COLUMN_IN_TITLE = {
     r"Δt = ([\d.]+) s": "dt_s",
     r"Δt_D = ([\d.]+) s": "dt_range_s",
     r"β = ([\d.]+)": "beta_m2",
@@ -115,27 +120,27 @@ STATED = {
     r"τ = ([\d.]+) m": "tau_rear_m",
     r"compass ([\d.]+)° off": "mu_heading_leader_deg",
 }
-"""Values of a setting in titles, and the column that has it."""
+"""Patterns of values in titles of settings, and the columns that have them."""
 
 
 @pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: setting.name)
 def test_a_setting_matches_its_title_in_the_stage_of_its_table(setting):
     actual = columns(setting.name)
     stated = {
-        column: float(m[1])
-        for words, column in STATED.items()
-        if (m := re.search(words, setting.title))
+        column: float(match[1])
+        for pattern, column in COLUMN_IN_TITLE.items()
+        if (match := re.search(pattern, setting.title))
     }
     assert stated
     assert {column: actual[column] for column in stated} == stated
     # Tables 1; 2 to 4; 5 and 6; 7; 8 and 9 are those of the five stages (paper, Section 3)
     stage_of = {"1": 1, "2-4": 2, "5": 3, "6": 3, "7": 4, "8": 5, "9": 5, "text": 4}
-    model = next(s for s in SETTINGS if s.name == (setting.like or setting.name))
+    model = next(other for other in SETTINGS if other.name == (setting.like or setting.name))
     assert setting.stage == stage_of[model.table]
 
 
-def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
-    free = {"beta_m2", "threshold_m", "gate"}
+def test_alternatives_differ_from_their_originals_only_in_what_the_paper_leaves_open():
+    open_keys = {"beta_m2", "threshold_m", "gate"}
     centred = {"asymmetric-centred"}
     by_name = {s.name: s for s in SETTINGS}
     alternatives = [s for s in SETTINGS if s.table == "alternative"]
@@ -143,36 +148,52 @@ def test_alternatives_are_named_and_differ_only_in_what_the_paper_leaves_open():
     for setting in alternatives:
         original = by_name[setting.like]
         assert setting.stage == original.stage
-        made, like = (SCENARIOS[s.name, "T5", "laisn-2"] for s in (setting, original))
-        kept = like.navigation.model_copy(
-            update={key: getattr(made.navigation, key) for key in free}
+        alternative_scenario, original_scenario = (
+            SCENARIOS[s.name, "T5", "laisn-2"] for s in (setting, original)
         )
-        received = like.acoustics.model_copy(
+        navigation = original_scenario.navigation.model_copy(
+            update={key: getattr(alternative_scenario.navigation, key) for key in open_keys}
+        )
+        acoustics = original_scenario.acoustics.model_copy(
             update={"range_error_centred": setting.name in centred}
         )
-        assert made == like.model_copy(update={"navigation": kept, "acoustics": received})
-    own = {s.name for s in SETTINGS if s.table != "alternative"}
-    fixed = [scenario for (name, _, _), scenario in SCENARIOS.items() if name in own]
-    assert {(s.navigation.beta_m2, s.navigation.threshold_m, s.navigation.gate) for s in fixed} == {
-        (0.1, 0.1, "v-max")
-    }
-    assert not any(scenario.acoustics.range_error_centred for scenario in fixed)
+        assert alternative_scenario == original_scenario.model_copy(
+            update={"navigation": navigation, "acoustics": acoustics}
+        )
+    settings_of_paper = {s.name for s in SETTINGS if s.table != "alternative"}
+    scenarios_of_paper = [
+        scenario for (name, _, _), scenario in SCENARIOS.items() if name in settings_of_paper
+    ]
+    assert {
+        (s.navigation.beta_m2, s.navigation.threshold_m, s.navigation.gate)
+        for s in scenarios_of_paper
+    } == {(0.1, 0.1, "v-max")}
+    assert not any(scenario.acoustics.range_error_centred for scenario in scenarios_of_paper)
 
 
-def test_scenarios_carry_the_setting():
+def test_scenarios_have_the_values_of_the_setting_and_of_further_keys():
     keys = {"motion": "kinematic", "followers.0.depth_m": 8.0}
-    made = entries(set=keys, seed=9, vary={"case": ["heading5"]})[
+    scenario = entries(set=keys, seed=9, vary={"case": ["heading5"]})[
         "heading5", "T4", "laisn-3-2"
     ].scenario
-    assert made.sensors.leader_heading_bias_deg == 5.0
-    assert made.sensors.leader_heading_sigma_deg == 2.0
-    assert made.followers[0].depth_m == made.leader.depth_m
-    assert (made.navigation.variant, made.seed, made.followers[0].route) == ("laisn-3-2", 9, "T4")
-    assert made.acoustics.range_tau_m == (0.01, 0.01, 0.01)
+    assert scenario.sensors.leader_heading_bias_deg == 5.0
+    assert scenario.sensors.leader_heading_sigma_deg == 2.0
+    assert scenario.followers[0].depth_m == scenario.leader.depth_m
+    assert (scenario.navigation.variant, scenario.seed, scenario.followers[0].route) == (
+        "laisn-3-2",
+        9,
+        "T4",
+    )
+    assert scenario.acoustics.range_tau_m == (0.01, 0.01, 0.01)
     physical = SCENARIOS["heading5", "T4", "laisn-2"]
     assert physical.followers[0].depth_m != physical.leader.depth_m
-    assert (physical.motion, made.motion) == ("physics", "kinematic")
+    assert (physical.motion, scenario.motion) == ("physics", "kinematic")
 
 
 def test_every_setting_is_simulated_with_its_variants_on_every_mission():
-    assert set(SCENARIOS) == {(s.name, r, v) for s in SETTINGS for r in ROUTES for v in s.variants}
+    assert set(SCENARIOS) == {
+        (setting.name, route, variant)
+        for setting in SETTINGS
+        for route in ROUTES
+        for variant in setting.variants
+    }

@@ -31,9 +31,10 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
     table = pq.read_table(tmp_path / "tables.parquet").to_pylist()
     assert len(table) == 8 * (3 + 2 + 2)
     row = next(
-        r
-        for r in table
-        if (r["setting"], r["trajectory"], r["variant"]) == ("base", "T2", "laisn-2")
+        table_row
+        for table_row in table
+        if (table_row["setting"], table_row["trajectory"], table_row["variant"])
+        == ("base", "T2", "laisn-2")
     )
     assert row["published_e_p_max_m"] == 5.12
     assert row["ratio_e_p_max"] == pytest.approx(row["ours_e_p_max_m"] / 5.12)
@@ -62,7 +63,7 @@ def test_a_reproduction_writes_tables_and_report(tmp_path):
 
 
 def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
-    """The first has those of a cell of the tables; the second those of the runs that follow."""
+    """The first replication has the three runs of a cell of the tables, the second has the next."""
     monkeypatch.setattr(claims, "REPLICATIONS", 4)
     vary: dict[str, dict[str, list[object]]] = {
         "tables": {"case": ["base"]},
@@ -81,46 +82,51 @@ def test_replications_have_the_figures_of_their_runs(tmp_path, monkeypatch):
         zip(plans, fly_studies([*plans.values()], tmp_path, workers=1, quiet=True), strict=True)
     )
     fly_further(outcomes, claims.further_runs, tmp_path, workers=1, quiet=True)
-    each, at = claims.MetricValues.of(outcomes).values, ROUTES.index("T3")
-    scenario = next(e for e in plans["tables"].entries if e.arm == "laisn-2").scenario
+    values, route_index = claims.MetricValues.of(outcomes).values, ROUTES.index("T3")
+    scenario = next(entry for entry in plans["tables"].entries if entry.arm == "laisn-2").scenario
     assert (scenario.seed, scenario.duration_s, scenario.followers[0].route) == (2, 30.0, "T3")
     for number in (0, 1):
         table = simulate(Cell.of(scenario, runs=range(3 * number, 3 * number + 3))).runs
-        for metric, figure in (
+        for metric, summary in (
             ("e_p_mean_m", np.mean),
             ("e_p_max_m", np.max),
             ("e_b_max_deg", np.max),
         ):
-            assert each["base laisn-2", metric].shape == (4, 8)
-            assert each["base laisn-2", metric][number, at] == pytest.approx(
-                figure(table[metric]), rel=1e-12
+            assert values["base laisn-2", metric].shape == (4, 8)
+            assert values["base laisn-2", metric][number, route_index] == pytest.approx(
+                summary(table[metric]), rel=1e-12
             )
         steps = steps_of(Cell.of(scenario, runs=range(3 * number, 3 * number + 3)))
-        wanted = claims.over_time(steps)["e_p_astern_m"]
-        assert each["base laisn-2", "e_p_astern_m"][number, at] == pytest.approx(
-            wanted, nan_ok=True
+        expected = claims.over_time(steps)["e_p_astern_m"]
+        assert values["base laisn-2", "e_p_astern_m"][number, route_index] == pytest.approx(
+            expected, nan_ok=True
         )
-    assert each["base laisn-2", "e_p_mean_m"][0, at] != each["base laisn-2", "e_p_mean_m"][1, at]
-    assert np.isnan(np.delete(each["base laisn-2", "e_p_mean_m"], at, axis=1)).all()
-    assert {("base laisn-2", name) for name in claims.TIMED} <= each.keys()
-    assert ("base laisn-3-2", "e_p_abeam_m") not in each
+    assert (
+        values["base laisn-2", "e_p_mean_m"][0, route_index]
+        != values["base laisn-2", "e_p_mean_m"][1, route_index]
+    )
+    assert np.isnan(np.delete(values["base laisn-2", "e_p_mean_m"], route_index, axis=1)).all()
+    assert {("base laisn-2", name) for name in claims.TIMED} <= values.keys()
+    assert ("base laisn-3-2", "e_p_abeam_m") not in values
 
 
 def test_resamples_scatter_as_means_over_replications_do():
     rng = np.random.default_rng(3)
     shared = rng.normal(10.0, 1.0, (20, 8))
-    each = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
-    figures = claims.MetricValues(values=each)
-    first, other = (figures.means_or_nan(name, "x") for name in "ab")
+    values = {("a", "x"): shared, ("b", "x"): shared + rng.normal(0.0, 0.5, (20, 8))}
+    figures = claims.MetricValues(values=values)
+    first, second = (figures.means_or_nan(name, "x") for name in "ab")
     assert first[0] == pytest.approx(shared.mean(axis=0))
     assert first[1:, 0].std() == pytest.approx(shared[:, 0].std() / np.sqrt(20), rel=0.1)
     # replications are drawn alike in all cells, so that noise that both share drops out of a ratio
-    assert np.corrcoef(first[1:, 0], other[1:, 0])[0, 1] > 0.5
+    assert np.corrcoef(first[1:, 0], second[1:, 0])[0, 1] > 0.5
 
 
 def test_seeds_are_compared_by_their_verdicts_on_all_claims():
-    one, other = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
-    actual = claim_seeds.findings_of({seed: other if seed == 3 else one for seed in range(20)})
+    all_hold, last_undecided = ["holds"] * 10, ["holds"] * 9 + ["undecided"]
+    actual = claim_seeds.findings_of(
+        {seed: last_undecided if seed == 3 else all_hold for seed in range(20)}
+    )
     assert (actual["same"].value, actual["seeds"].value) == (19, 20)
     assert (actual["same 1"].value, actual["same 10"].value, actual["verdict 10"].value) == (
         20,
@@ -141,26 +147,31 @@ def test_the_study_of_seeds_judges_each_of_them(tmp_path, monkeypatch):
     assert actual["verdict 1"].value != "no data"
 
 
-def test_claims_on_the_published_tables():
+def test_all_claims_hold_on_the_published_tables():
     distance = np.array([[42.3, 54.7, 76.5, 74.7, 39.5, 45.6, 40.8, 76.1]] * 2)
     ours = claims.MetricValues(values={("base laisn-2", "distance_m"): distance})
-    verdicts = {c.number: theirs.verdict for c, _, theirs in claims.judge(ours, claims.published())}
+    verdicts = {
+        claim.number: on_paper.verdict
+        for claim, _, on_paper in claims.judge(ours, claims.published())
+    }
     # μ_D = 0.3 has no published table; what the paper claims, its own tables bear out
     assert verdicts.pop(8) == "no data"
     assert set(verdicts.values()) == {"holds"}
 
 
 def verdict(number, figure):
-    """Of a claim where every figure is 1, except what `figure(setting, mission, variant,
-    metric)` gives.
+    """The verdict on a claim where every figure is 1, except where `figure(s, m, v, x)` of setting,
+    mission, variant and metric has another value.
     """
-    each = {
-        (f"{s.name} {v}", x): np.array([[figure(s.name, m, v, x) or 1.0 for m in ROUTES]])
-        for s in SETTINGS
-        for v in s.variants
+    values = {
+        (f"{setting.name} {v}", x): np.array(
+            [[figure(setting.name, m, v, x) or 1.0 for m in ROUTES]]
+        )
+        for setting in SETTINGS
+        for v in setting.variants
         for x in (*claims.METRICS, "distance_m")
     }
-    return claims.CLAIMS[number - 1].judge(claims.MetricValues(values=each, exact=True)).verdict
+    return claims.CLAIMS[number - 1].judge(claims.MetricValues(values=values, exact=True)).verdict
 
 
 @pytest.mark.parametrize(
@@ -190,7 +201,7 @@ def test_the_asymmetry_claim_follows_its_criterion(t2, t5, expected):
     assert verdict(7, lambda s, m, v, x: values.get((s, m, v))) == expected
 
 
-def test_the_heading_claim_needs_proportion():
+def test_the_heading_claim_needs_errors_in_proportion_to_distance():
     distance = dict(zip(ROUTES, np.linspace(30.0, 100.0, 8), strict=True))
 
     def proportional(setting, mission, variant, metric):
@@ -207,7 +218,8 @@ def test_the_heading_claim_needs_proportion():
     )
 
 
-def test_errors_abeam_and_astern_take_their_sector():
+def test_errors_abeam_and_astern_are_means_over_steps_of_their_sectors():
+    """Abeam are bearings about 90° and 270°, with errors of 1 and 3 m."""
     bearing = np.repeat([90.0, 180.0, 0.0, 270.0], 400)
     error = np.repeat([1.0, 5.0, 99.0, 3.0], 400)
     steps = {"bearing_deg": bearing, "e_p_mean_m": error, "e_b_max_deg": error, "speed_m_s": error}
@@ -228,15 +240,15 @@ def test_the_command_of_a_row_repeats_its_cell():
     )
     rows = [
         dict.fromkeys(claims.METRICS, 1.0)
-        | plan.points[e.point]
-        | {"point": e.point, "arm": e.arm, "worst_run": 17}
-        for e in plan.entries
+        | plan.points[entry.point]
+        | {"point": entry.point, "arm": entry.arm, "worst_run": 17}
+        for entry in plan.entries
     ]
     outcomes = StudyResults(plan=plan, rows=rows, runs=[], steps=[], store=None)
     for row, entry in zip(table_rows(outcomes, {}), plan.entries, strict=True):
         words = shlex.split(row["fly_worst_run"])
         assert words[:5] == ["laisn", "fly", row["trajectory"], "--run", "17"]
-        flown = load_scenario(
+        scenario = load_scenario(
             row["trajectory"], [words[i + 1] for i, word in enumerate(words) if word == "--set"]
         )
-        assert flown.model_copy(update={"name": entry.scenario.name}) == entry.scenario
+        assert scenario.model_copy(update={"name": entry.scenario.name}) == entry.scenario

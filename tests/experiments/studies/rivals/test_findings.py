@@ -20,8 +20,8 @@ from tests.experiments.study.cells import cells_of
 from tests.golden import require_golden
 
 PARTS = built_in_files("rivals")
-ROUTES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
-SLOW_CASES = [case for case in ROUTES if case[0] == findings.SLOW]
+ROUTE_CASES = [*product(findings.NAVIGATORS, findings.CONDITIONS, findings.INTERVALS)]
+SLOW_CASES = [case for case in ROUTE_CASES if case[0] == findings.SLOW]
 
 
 @pytest.fixture(scope="module")
@@ -29,32 +29,34 @@ def plans() -> dict[str, StudyPlan]:
     return {part: plan_of(study_of(str(file), {})) for part, file in PARTS.items()}
 
 
-def rows(error: float, runs: int, routes: int, *, by_route: float = 0.1, **more: float) -> Cells:
+def cells_with(
+    error: float, runs: int, routes: int, *, by_route: float = 0.1, **others: float
+) -> Cells:
     """Cells whose errors have this mean over runs and routes; runs add ± 0.01 m, route i adds
     i times `by_route` less its mean.
     """
     shift = by_route * (np.arange(routes) - (routes - 1) / 2)
-    actual = [
+    records = [
         [
             {
-                "e_p_mean_m": error + shift[i] + 0.01 * (-1) ** r,
+                "e_p_mean_m": error + shift[route] + 0.01 * (-1) ** run,
                 "e_p_p95_m": 2 * error,
                 "nees": 2.5,
                 "e_p_max_m": 3.0,
                 "mirror_locked": 0.0,
                 "track_error_rms_m": 1.0,
                 "track_error_end_m": 2.0,
-                **more,
+                **others,
             }
-            for i in range(routes)
+            for route in range(routes)
         ]
-        for r in range(runs)
+        for run in range(runs)
     ]
-    return cells_of({"": actual})
+    return cells_of({"": records})
 
 
 def findings_without(navigator: str = "") -> dict[str, Any]:
-    """All findings of rows, but for those of a navigator that was left out."""
+    """All findings of made-up cells, but for those of a navigator that was left out."""
     errors = dict(
         zip(
             findings.NAVIGATORS,
@@ -62,14 +64,16 @@ def findings_without(navigator: str = "") -> dict[str, Any]:
             strict=True,
         )
     )
-    shared = [*product(findings.SHARING, ["calm"], findings.SHARED_INTERVALS)]
+    shared_cases = [*product(findings.SHARING, ["calm"], findings.SHARED_INTERVALS)]
     arms = {
-        findings.case_name(*case): rows(errors[case[0]], 4, 8)
-        for case in (*ROUTES, *shared)
+        findings.case_name(*case): cells_with(errors[case[0]], 4, 8)
+        for case in (*ROUTE_CASES, *shared_cases)
         if case[0] != findings.SLOW
     }
-    arms |= {findings.case_name(*case): rows(errors[findings.SLOW], 2, 8) for case in SLOW_CASES}
-    arms["owtt calm 5"] = rows(7.0, 4, 8, e_p_max_m=60.0)
+    arms |= {
+        findings.case_name(*case): cells_with(errors[findings.SLOW], 2, 8) for case in SLOW_CASES
+    }
+    arms["owtt calm 5"] = cells_with(7.0, 4, 8, e_p_max_m=60.0)
     for interval, error in (
         (1.0, 0.1),
         (2.0, 0.2),
@@ -78,22 +82,24 @@ def findings_without(navigator: str = "") -> dict[str, Any]:
         (20.0, 1.6),
         (50.0, 4.0),
     ):
-        arms[f"ekf calm {interval:g}"] = rows(error, 4, 8)
-    two = product(findings.WITH_TWO, [findings.TWO], findings.INTERVALS)
-    arms |= {findings.case_name(*case): rows(errors[case[0]], 4, 8) for case in two}
-    arms["imm two 5"] = rows(0.25, 4, 8)
-    arms["tight-steady two 5"] = rows(0.28, 4, 8, by_route=0.12)
+        arms[f"ekf calm {interval:g}"] = cells_with(error, 4, 8)
+    two_transmitters = product(findings.WITH_TWO, [findings.TWO], findings.INTERVALS)
+    arms |= {
+        findings.case_name(*case): cells_with(errors[case[0]], 4, 8) for case in two_transmitters
+    }
+    arms["imm two 5"] = cells_with(0.25, 4, 8)
+    arms["tight-steady two 5"] = cells_with(0.28, 4, 8, by_route=0.12)
     closed = {
-        f"{name} {condition}": rows(1.0, 2, 8)
+        f"{name} {condition}": cells_with(1.0, 2, 8)
         for name, condition in product(findings.NAVIGATORS, findings.CONDITIONS)
     }
     factors = product(findings.MAPPED, findings.RANGES_M, findings.BIASES_DEG, findings.BASELINES_M)
     points = {
-        f"map {name} {reach} {bias:g} {length:g}": rows(0.5, 4, 1)
-        for name, reach, bias, length in factors
+        f"map {name} {distance} {bias:g} {baseline:g}": cells_with(0.5, 4, 1)
+        for name, distance, bias, baseline in factors
     }
-    points["map inverted-usbl 20 0 2"] = rows(0.4, 4, 1)
-    points["map inverted-usbl 200 0 2"] = rows(0.6, 4, 1)
+    points["map inverted-usbl 20 0 2"] = cells_with(0.4, 4, 1)
+    points["map inverted-usbl 200 0 2"] = cells_with(0.6, 4, 1)
     times = dict.fromkeys(findings.NAVIGATORS, 12.5)
     if navigator:
         arms = {case: cells for case, cells in arms.items() if case.split()[0] != navigator}
@@ -127,10 +133,10 @@ def test_every_case_is_valid_and_every_navigator_is_simulated(plans: dict[str, S
         for entry in plan.entries
     ]
     assert len(set(cases)) == len(cases)
-    assert set(ROUTES) == set(cases)
+    assert set(ROUTE_CASES) == set(cases)
     closed = plans["closed"]
-    steered = {(entry.arm, closed.points[entry.point]["case"]) for entry in closed.entries}
-    assert steered == set(product(findings.NAVIGATORS, findings.CONDITIONS))
+    closed_cases = {(entry.arm, closed.points[entry.point]["case"]) for entry in closed.entries}
+    assert closed_cases == set(product(findings.NAVIGATORS, findings.CONDITIONS))
     runs = {part: plan.study.runs for part, plan in plans.items()}
     assert runs == {"routes": 20, "two": 20, "shared": 3, "slow": 6, "closed": 2, "map": 4}
     two = plans["two"]
@@ -143,31 +149,33 @@ def test_the_follower_of_the_map_stays_at_its_distance_on_the_quarter(
 ) -> None:
     plan = plans["map"]
     for entry in plan.entries:
-        (_, east, north), (end, east_then, north_then) = entry.scenario.followers[0].waypoints
+        (_, east, north), (end_time, last_east, last_north) = entry.scenario.followers[0].waypoints
         assert np.hypot(east, north) == pytest.approx(
             float(plan.points[entry.point]["case"]), rel=1e-12
         )
-        assert (east, east_then, end) == (-north, east, 300.0)
-        assert north_then == pytest.approx(north + 300.0, rel=1e-12)
+        assert (east, last_east, end_time) == (-north, east, 300.0)
+        assert last_north == pytest.approx(north + 300.0, rel=1e-12)
 
 
-def test_findings_are_the_means_shares_and_differences_of_the_rows(actual: dict[str, Any]) -> None:
+def test_findings_are_the_means_fractions_and_differences_of_the_cells(
+    actual: dict[str, Any],
+) -> None:
     error = actual["error tight calm 5"]
     assert error.value == pytest.approx(0.3)
     # each route: variance 0.01² · 4/3 of four runs; of the mean of eight routes a 32nd
     assert error.high - error.value == pytest.approx(
         1.959964 * 0.01 * np.sqrt(4 / 3 / 32), rel=1e-3
     )
-    apart = actual["less tight inverted-usbl calm 5"]
-    assert (apart.value, apart.low, apart.high) == pytest.approx((-0.1, -0.1, -0.1))
+    difference = actual["less tight inverted-usbl calm 5"]
+    assert (difference.value, difference.low, difference.high) == pytest.approx((-0.1, -0.1, -0.1))
     assert (
         actual["better-than tight inverted-usbl"].value
         == actual["cases tight inverted-usbl"].value
         == 12
     )
     assert actual["cases tight factor-graph"].value == 12
-    # those of the inverted USBL, the filter on ranges with messages every second, and one with two
-    # transmitters
+    # the 12 against the inverted USBL, one against the filter on ranges, with messages every second,
+    # and one with two transmitters
     assert actual["better-than tight"].value == 14
     assert actual["cases tight imm"].value == 15
     assert actual["less tight imm two 5"].value == pytest.approx(-0.05)
@@ -183,7 +191,7 @@ def test_findings_are_the_means_shares_and_differences_of_the_rows(actual: dict[
     assert actual["high ekf calm 5"].value == pytest.approx(0.8)
 
 
-def test_the_speed_as_a_state_is_compared_over_all_routes_and_on_its_best_and_worst(
+def test_the_steady_speed_is_compared_over_all_routes_and_on_its_best_and_worst(
     actual: dict[str, Any],
 ) -> None:
     assert actual["less tight tight-steady calm 5"].value == pytest.approx(-0.05)
@@ -191,7 +199,7 @@ def test_the_speed_as_a_state_is_compared_over_all_routes_and_on_its_best_and_wo
     assert actual["less tight tight-steady two 5"].value == pytest.approx(-0.02)
     assert actual["least tight tight-steady two 5"].value == pytest.approx(-0.02 - 3.5 * 0.02)
     assert actual["most tight tight-steady two 5"].value == pytest.approx(-0.02 + 3.5 * 0.02)
-    # it is no rival
+    # a setting of the same navigator is no rival
     assert "better-than tight tight-steady" not in actual
 
 
@@ -201,31 +209,33 @@ def test_the_maps_have_their_points_and_their_intervals(actual: dict[str, Any]) 
     # ten vehicles, 150 m: ten times 0.1 s and 300 m at 1500 m/s
     assert actual["turn 10 150"].value == pytest.approx(3.0)
     # between 0.2 m at 2 s and 0.4 m at 5 s on logarithmic scales
-    share = np.log(3.0 / 2.0) / np.log(5.0 / 2.0)
-    assert actual["shared ekf 10 150"].value == pytest.approx(0.2 * 2.0**share, rel=1e-5)
+    fraction = np.log(3.0 / 2.0) / np.log(5.0 / 2.0)
+    assert actual["shared ekf 10 150"].value == pytest.approx(0.2 * 2.0**fraction, rel=1e-5)
     assert actual["shared ekf 1 50"].value == pytest.approx(0.1)
 
 
 def test_the_page_is_the_golden_one(actual: dict[str, Any]) -> None:
     """The record of made-up cells, whose errors `findings_without` states."""
-    made = record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual)
-    values = {"quick": False, "found": made, **figures.values(made, {})}
-    require_golden(page_of("experiments.studies.rivals", [], values, made), "rivals")
+    findings_record = record(
+        "rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual
+    )
+    values = {"quick": False, "found": findings_record, **figures.values(findings_record, {})}
+    require_golden(page_of("experiments.studies.rivals", [], values, findings_record), "rivals")
 
 
-def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
-    whole = findings_without()
+def test_the_page_is_made_without_a_navigator_that_was_left_out(tmp_path: Path) -> None:
+    all_findings = findings_without()
     actual = findings_without(findings.SLOW)
-    assert {key for key in whole if key not in actual} == {
-        key for key in whole if findings.SLOW in key
+    assert {key for key in all_findings if key not in actual} == {
+        key for key in all_findings if findings.SLOW in key
     } | {"slow-runs"}
     record("rivals", "laisn rivals", ("experiments.studies.rivals.findings",), actual).write(
         tmp_path / "results.json"
     )
-    kept = read_findings(tmp_path / "results.json")
-    values = {"quick": True, "found": kept, **figures.values(kept, {})}
+    findings_record = read_findings(tmp_path / "results.json")
+    values = {"quick": True, "found": findings_record, **figures.values(findings_record, {})}
     facts = [("left out", "factor graph, which needs GTSAM")]
-    page = render(page_of("experiments.studies.rivals", facts, values, kept))
+    page = render(page_of("experiments.studies.rivals", facts, values, findings_record))
     assert page.count("factor graph") == 1
     assert "the best rival, inverted USBL" in page
 
@@ -234,7 +244,7 @@ def test_the_page_is_made_without_what_was_left_out(tmp_path: Path) -> None:
 def test_every_navigator_that_is_installed_has_a_time_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Of a point mission as long as asked for, whose navigator has the arm's settings."""
+    """It is measured on a kinematic mission of the given duration, with the arm's navigator."""
     flown = []
 
     def load(name: str, assignments: list[str]) -> Scenario:

@@ -34,18 +34,24 @@ def test_nothing_shifts_a_fix_in_mixed_water() -> None:
 
 
 def test_a_fix_of_two_transmitters_shifts_as_the_difference_of_its_ranges() -> None:
-    # on the quarter, D δB = (e_rear − e_front) / (b sin B) · D and the mean of both along the range
-    depths, reach, baseline = (8.0, 20.0), 100.0, 2.0
-    half = 0.5 * baseline
-    slope = 0.0
-    error = 0.0
-    near, far = (math.hypot(reach / math.sqrt(2), reach / math.sqrt(2) + s) for s in (-half, half))
-    near_error, far_error = (range_error("strong", depths, r) for r in (near, far))
-    flat = math.sqrt(reach**2 + 12.0**2) / reach  # horizontal by slant ranges
-    slope = (far_error - near_error) * flat / baseline / math.sin(math.pi / 4)
-    error = 0.5 * (near_error + far_error) * flat
-    expected = math.hypot(slope * reach, error)
-    shift = fix_error("strong", "laisn-2", QuarterGeometry(depths, reach, baseline))
+    # on the quarter, B = 45°, with range errors e and the baseline b, the shift across the range is
+    # D δB = (e_rear − e_front) / (b sin B) · D, and along it the mean of both errors
+    depths, distance, baseline = (8.0, 20.0), 100.0, 2.0
+    half_baseline = 0.5 * baseline
+    near, far = (
+        math.hypot(distance / math.sqrt(2), distance / math.sqrt(2) + offset)
+        for offset in (-half_baseline, half_baseline)
+    )
+    near_error, far_error = (
+        range_error("strong", depths, slant_range) for slant_range in (near, far)
+    )
+    slant_over_horizontal = math.sqrt(distance**2 + 12.0**2) / distance
+    bearing_error = (
+        (far_error - near_error) * slant_over_horizontal / baseline / math.sin(math.pi / 4)
+    )
+    mean_error = 0.5 * (near_error + far_error) * slant_over_horizontal
+    expected = math.hypot(bearing_error * distance, mean_error)
+    shift = fix_error("strong", "laisn-2", QuarterGeometry(depths, distance, baseline))
     assert shift == pytest.approx(expected, rel=0.05)
     # bearing errors of 0.4 to 1.5 m at 100 m, computed beside this project
     assert 0.3 < shift < 1.6
@@ -62,46 +68,57 @@ def test_fixes_of_the_record_are_those_of_this_code() -> None:
 
 
 def test_bending_matters_from_nearer_on_the_stronger_the_thermocline() -> None:
-    strong, moderate = (shortest_spoilt_range(s, "laisn-2", 2.0) for s in ("strong", "moderate"))
+    strong, moderate = (
+        shortest_spoilt_range(profile, "laisn-2", 2.0) for profile in ("strong", "moderate")
+    )
     assert strong is not None
     assert moderate is not None
     assert strong < moderate
-    at = max(
+    largest_error = max(
         fix_error("strong", "laisn-2", QuarterGeometry(pair, strong, 2.0))
         for pair in ((8.0, 20.0), (16.0, 16.0), (20.0, 20.0))
     )
-    assert at == pytest.approx(0.5, abs=0.05)
+    # a fix is spoilt from half a metre on
+    assert largest_error == pytest.approx(0.5, abs=0.05)
 
 
 def cells_of(errors: dict[str, list[float]], metric: str, **columns: object) -> Cells:
+    """Cells with these columns, and the errors of the runs of each arm as a metric."""
     rows = [{"arm": arm, **columns} for arm in errors]
-    lists = [{"run": [0] * len(runs), metric: runs} for runs in errors.values()]
-    return Cells(rows, lists)
+    run_arrays = [{"run": [0] * len(runs), metric: runs} for runs in errors.values()]
+    return Cells(rows, run_arrays)
 
 
 def test_what_bending_adds_is_paired_by_run() -> None:
     runs = 25
     noise = np.random.default_rng(3).normal(size=runs)
-    known = 10.0 + noise
+    with_profile = 10.0 + noise
     added = 0.3 + 0.01 * np.random.default_rng(4).normal(size=runs)
-    errors = {"tight profile": known.tolist(), "tight straight": (known + added).tolist()}
-    errors["tight mean"] = (known + 1.0).tolist()
-    place = {"scenario": "strong.toml", "case": "16-16 100"}
-    findings = dict(leg_findings(cells_of(errors, "e_p_mean_m", **place, **{BASELINE: 2.0})))
-    assert findings["known tight strong 16-16 100"].number == pytest.approx(known.mean(), abs=1e-3)
+    errors = {
+        "tight profile": with_profile.tolist(),
+        "tight straight": (with_profile + added).tolist(),
+    }
+    errors["tight mean"] = (with_profile + 1.0).tolist()
+    labels = {"scenario": "strong.toml", "case": "16-16 100"}
+    findings = dict(leg_findings(cells_of(errors, "e_p_mean_m", **labels, **{BASELINE: 2.0})))
+    assert findings["known tight strong 16-16 100"].number == pytest.approx(
+        with_profile.mean(), abs=1e-3
+    )
     single = findings["single tight strong 16-16 100"].number
-    assert single == pytest.approx(known.mean() + 1.0, abs=1e-3)
+    assert single == pytest.approx(with_profile.mean() + 1.0, abs=1e-3)
     difference = findings["added tight strong 16-16 100"]
     assert difference.number == pytest.approx(added.mean(), abs=1e-3)
     assert difference.high is not None
     assert difference.low is not None
-    # of the difference alone, a hundredth of what the runs scatter
+    # the scatter of the difference alone, which is a hundredth of that of the runs
     assert difference.high - difference.low < 0.02
-    other = dict(leg_findings(cells_of(errors, "e_p_mean_m", **place, **{BASELINE: 1.0})))
-    assert set(other) == {f"{name} 1" for name in findings}
-    closed = {arm: values for arm, values in errors.items() if arm != "tight mean"}
+    with_other_baseline = dict(
+        leg_findings(cells_of(errors, "e_p_mean_m", **labels, **{BASELINE: 1.0}))
+    )
+    assert set(with_other_baseline) == {f"{name} 1" for name in findings}
+    closed_loop_errors = {arm: values for arm, values in errors.items() if arm != "tight mean"}
     for season, name in (("strong", "off tight"), ("weak", "off tight weak")):
-        cells = cells_of(closed, "track_error_rms_m", scenario=f"{season}.toml")
+        cells = cells_of(closed_loop_errors, "track_error_rms_m", scenario=f"{season}.toml")
         finding = dict(closed_findings(cells))[f"{name} added"]
         assert finding.number == pytest.approx(added.mean(), abs=1e-3)
 
