@@ -13,7 +13,7 @@ from reports.findings import Finding, Findings
 from reports.page import Code, Figures, Notice, Page, PageTable, TableCell, Text
 
 FOLDER = Path(__file__).parent / "data" / "pages"
-WRITES = os.environ.get("GOLDEN") == "write"
+IS_REWRITTEN = os.environ.get("GOLDEN") == "write"
 
 
 def _cell(cell: TableCell) -> str:
@@ -72,7 +72,7 @@ def _lines(page: Page) -> Iterator[str]:
 
 
 def text_of(page: Page) -> str:
-    """A page as text: what its reader reads, in order, without its drawings."""
+    """A page as text: its words, tables and code in order; of drawings their titles."""
     return "\n".join(line.rstrip() for line in _lines(page)) + "\n"
 
 
@@ -80,7 +80,7 @@ def require_golden(page: Page, name: str) -> None:
     """AssertionError with the difference if a page is not that of the file NAME.txt."""
     file = FOLDER / f"{name}.txt"
     text = text_of(page)
-    if WRITES:
+    if IS_REWRITTEN:
         file.parent.mkdir(exist_ok=True)
         file.write_text(text, encoding="utf-8")
     golden = file.read_text(encoding="utf-8")
@@ -91,16 +91,17 @@ def require_golden(page: Page, name: str) -> None:
 
 
 def numbered(findings: Mapping[str, Finding]) -> dict[str, Finding]:
-    """The same findings, each with a number of its own, so that a page shows which of them stands
-    where: 1.25, 2.25 …, of shares 0.1 %, 0.2 % …; limits are half and one and a half of it.
+    """The same findings with distinct values, so that a page shows which of them it prints where.
+
+    Values are 1.25, 2.25 …, those of shares 0.1 %, 0.2 % …; limits are 0.5 and 1.5 times these.
     """
     result = {}
-    for i, (name, finding) in enumerate(findings.items(), start=1):
+    for number, (name, finding) in enumerate(findings.items(), start=1):
         if not isinstance(finding.value, float):
             result[name] = finding
             continue
         is_share = finding.unit == "" and finding.high is not None
-        value = 1e-3 * i if is_share else i + 0.25
+        value = 1e-3 * number if is_share else number + 0.25
         low, high = (None, None) if finding.low is None else (0.5 * value, 1.5 * value)
         result[name] = replace(finding, value=value, low=low, high=high)
     return result

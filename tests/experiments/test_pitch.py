@@ -16,66 +16,74 @@ from tests.golden import require_golden
 from tests.reports.test_page import embedded
 
 BASELINE, PITCH, DISTANCE, BELOW = 3.0, 12.0, 30.0, 15.0
-ASKED = ("--baseline", "3", "--pitch", "12", "--distance", "30", "--below", "15")
+OPTIONS = ("--baseline", "3", "--pitch", "12", "--distance", "30", "--below", "15")
 
 
-def by_hand(bearing_deg: float, pitch_deg: float = PITCH) -> tuple[float, bool]:
+def error_by_hand(bearing_deg: float, pitch_deg: float = PITCH) -> tuple[float, bool]:
     """Error of the fix, and whether the rule for the axis decides, by the formulas of
     docs/asymmetry.md.
+
+    `along_hull` is the follower's coordinate along the pitched hull.
     """
     pitch, bearing = math.radians(pitch_deg), math.radians(bearing_deg)
     ahead, aside = DISTANCE * math.cos(bearing), DISTANCE * math.sin(bearing)
-    turned = ahead * math.cos(pitch) - BELOW * math.sin(pitch)
-    squares = DISTANCE**2 + BASELINE**2 / 4
-    rear = math.sqrt(squares + BASELINE * turned)
+    along_hull = ahead * math.cos(pitch) - BELOW * math.sin(pitch)
+    mean_square = DISTANCE**2 + BASELINE**2 / 4
+    rear_range = math.sqrt(mean_square + BASELINE * along_hull)
     # intersections closer than 0.1 m count as one
-    if abs(turned) > math.sqrt(DISTANCE**2 - 0.05**2):
-        return math.hypot(ahead + BASELINE / 2 + rear, aside), True
-    return math.hypot(ahead - turned, aside - math.sqrt(DISTANCE**2 - turned**2)), False
+    if abs(along_hull) > math.sqrt(DISTANCE**2 - 0.05**2):
+        return math.hypot(ahead + BASELINE / 2 + rear_range, aside), True
+    return math.hypot(ahead - along_hull, aside - math.sqrt(DISTANCE**2 - along_hull**2)), False
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
+def printed_and_folder(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     """What the command prints, and the folder of what it writes."""
     folder = tmp_path_factory.mktemp("pitch")
     files = ("--out", str(folder / "page.html"), "--csv", str(folder / "map.csv"))
-    result = CliRunner().invoke(app, ["pitch", *ASKED, *files])
+    result = CliRunner().invoke(app, ["pitch", *OPTIONS, *files])
     assert result.exit_code == 0, result.output
     return result.stdout, folder
 
 
-def test_the_table_has_the_errors_and_where_the_axis_decides(asked: tuple[str, Path]) -> None:
+def test_the_table_has_the_errors_and_where_the_axis_decides(
+    printed_and_folder: tuple[str, Path],
+) -> None:
     rows = re.findall(
-        r"^(\d+)° +([\d.]+) m +(?:[\d.]+ m|–) +(two points|on the axis)$", asked[0], re.M
+        r"^(\d+)° +([\d.]+) m +(?:[\d.]+ m|–) +(two points|on the axis)$",
+        printed_and_folder[0],
+        re.M,
     )
     assert [int(row[0]) for row in rows] == [*range(0, 181, 15)]
     kinds = set()
     for bearing, error, kind in rows:
-        expected, on_axis = by_hand(float(bearing))
+        expected, on_axis = error_by_hand(float(bearing))
         assert float(error) == pytest.approx(expected, abs=6e-4)
         assert (kind == "on the axis") == on_axis
         kinds.add(on_axis)
     assert kinds == {False, True}
 
 
-def test_the_map_has_the_error_at_every_pitch_and_bearing(asked: tuple[str, Path]) -> None:
-    stdout, folder = asked
+def test_the_map_has_the_error_at_every_pitch_and_bearing(
+    printed_and_folder: tuple[str, Path],
+) -> None:
+    stdout, folder = printed_and_folder
     with (folder / "map.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     pitches = {float(row["pitch_deg"]) for row in rows}
     assert min(pitches) <= -PITCH
     assert max(pitches) >= PITCH
     for row in rows[::17]:
-        expected, on_axis = by_hand(float(row["bearing_deg"]), float(row["pitch_deg"]))
+        expected, on_axis = error_by_hand(float(row["bearing_deg"]), float(row["pitch_deg"]))
         assert float(row["error_m"]) == pytest.approx(expected, abs=1e-6)
         assert (row["on_axis"] == "True") == on_axis
     html = (folder / "page.html").read_text(encoding="utf-8")
-    chart, above, curve = embedded(html)
+    chart, view_from_above, curve = embedded(html)
     (contours,) = (trace for trace in chart["data"] if trace["type"] == "contour")
-    shown = np.array(contours["customdata"], dtype=float)
-    held = np.array([float(row["error_m"]) for row in rows]).reshape(shown.shape)
-    np.testing.assert_allclose(shown, held, rtol=1e-4)
-    assert above["data"][0]["type"] == "scatter"
+    errors_drawn = np.array(contours["customdata"], dtype=float)
+    errors_in_file = np.array([float(row["error_m"]) for row in rows]).reshape(errors_drawn.shape)
+    np.testing.assert_allclose(errors_drawn, errors_in_file, rtol=1e-4)
+    assert view_from_above["data"][0]["type"] == "scatter"
     worst = max(value for value in curve["data"][0]["y"])
     assert f"largest error is {worst:.2f} m" in stdout
     assert "laisn pitch --baseline 3 --pitch 12 --distance 30 --below 15" in html
@@ -88,7 +96,7 @@ def test_the_page_is_the_golden_one() -> None:
 
 
 def test_the_predicted_side_puts_a_follower_ahead() -> None:
-    """Nose down the circles do not meet ahead: behind the leader the fix is a diameter off."""
+    """Nose down the circles do not meet ahead: the rule `behind` puts the fix a diameter off."""
     behind, ahead = (
         PitchGeometry(
             baseline=3.0, pitch_deg=-12.0, distance=30.0, below=15.0, side_rule=rule
@@ -103,7 +111,7 @@ def test_the_predicted_side_puts_a_follower_ahead() -> None:
 
 @pytest.mark.parametrize(("threshold", "on_axis"), [(59.9, False), (60.1, True)])
 def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_axis: bool) -> None:
-    """Abeam of a level leader they are a diameter apart."""
+    """Abeam of a level leader they are 2 · 30 m apart."""
     geometry = PitchGeometry(
         baseline=3.0, pitch_deg=0.0, distance=DISTANCE, below=15.0, threshold=threshold
     )
@@ -112,6 +120,7 @@ def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_ax
 
 @pytest.mark.system
 def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
+    """Errors of `laisn pitch` against those of the compiled fixes in campaigns."""
     from experiments.studies.asymmetry.fix_map import sweep
     from laisn.settings import NavigationSettings
 
@@ -121,9 +130,9 @@ def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
         [np.full_like(bearings, value) for value in (geometry.pitch, 15.0, 30.0)] + [bearings]
     )
     settings = NavigationSettings(baseline=3.0, hydrophone_height=0.0)
-    engine = np.hypot(*sweep(points, settings).T)
-    ours = [geometry.fix(bearing, geometry.pitch).error for bearing in bearings.tolist()]
-    np.testing.assert_allclose(ours, engine, atol=1e-4)
+    of_campaigns = np.hypot(*sweep(points, settings).T)
+    of_the_page = [geometry.fix(bearing, geometry.pitch).error for bearing in bearings.tolist()]
+    np.testing.assert_allclose(of_the_page, of_campaigns, atol=1e-4)
 
 
 @pytest.mark.parametrize(

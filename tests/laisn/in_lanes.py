@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 
 from laisn import lanes
-from laisn import lanes as row
 from laisn.arrays import Floats, Ints
 from laisn.lanes import LANES
 from laisn.messages import Measurements
@@ -23,24 +22,27 @@ class LaneEstimates(NamedTuple):
 
 
 def _run_block(
-    own: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
+    readings: Floats, message_step: Ints, messages: Floats, start: Floats, t: Tuning
 ) -> tuple[Floats, Floats]:
-    """In Python, which finds the code of a step stored: that of functions of tests is not."""
-    state, kinds = np.zeros((own.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
-    block, i = row.new_block(start, t), 0
+    """States and kinds of fixes of one block of lanes.
+
+    A loop in Python: the code of `lanes.advance` is in the cache, that of a test's function is not.
+    """
+    state, kinds = np.zeros((readings.shape[0], 4 * LANES)), np.zeros((messages.shape[0], 3, LANES))
+    block, message_index = lanes.new_block(start, t), 0
     prior = lanes.no_prior()
-    for k in range(1, own.shape[0] + 1):
-        block[row.SPEED : row.SIN] = own[k - 1]
-        received = i < message_step.size and message_step[i] == k
+    for step in range(1, readings.shape[0] + 1):
+        block[lanes.SPEED : lanes.SIN] = readings[step - 1]
+        received = message_index < message_step.size and message_step[message_index] == step
         if received:
-            block[row.EAST : row.X1] = messages[i]
-        lanes.advance(block, t, k, received, prior)
-        state[k - 1] = block[row.X : row.X + 4 * LANES]
+            block[lanes.EAST : lanes.X1] = messages[message_index]
+        lanes.advance(block, t, step, received, prior)
+        state[step - 1] = block[lanes.X : lanes.X + 4 * LANES]
         if received:
-            for j, first in enumerate(lanes.fix_rows(t.variant)):
-                if first >= 0:
-                    kinds[i, j] = block[first + 3 * LANES : first + 4 * LANES]
-            i += 1
+            for fix_index, row in enumerate(lanes.fix_rows(t.variant)):
+                if row >= 0:
+                    kinds[message_index, fix_index] = block[row + 3 * LANES : row + 4 * LANES]
+            message_index += 1
     return state, kinds
 
 
@@ -48,15 +50,15 @@ def run(
     missions: Sequence[Measurements], start: Floats, settings: NavigationSettings
 ) -> LaneEstimates:
     """Estimates of missions with the same steps of messages, from a known start."""
-    t, actual = row.tuning(settings), []
-    for first in range(0, len(missions), LANES):
-        own, messages = lanes.stacked(missions[first : first + LANES])
-        state, kinds = _run_block(own, missions[0].message_step, messages, start[None], t)
-        made = 3 if settings.variant == "laisn-3-1" else 1
-        actual.append((state.reshape(-1, 4, LANES), kinds[:, :made].astype(np.int64)))
+    t, blocks = lanes.tuning(settings), []
+    for first_mission in range(0, len(missions), LANES):
+        readings, messages = lanes.stacked(missions[first_mission : first_mission + LANES])
+        state, kinds = _run_block(readings, missions[0].message_step, messages, start[None], t)
+        fixes_of_message = 3 if settings.variant == "laisn-3-1" else 1
+        blocks.append((state.reshape(-1, 4, LANES), kinds[:, :fixes_of_message].astype(np.int64)))
     return LaneEstimates(
         *(
             np.concatenate(parts, axis=-1)[..., : len(missions)]
-            for parts in zip(*actual, strict=True)
+            for parts in zip(*blocks, strict=True)
         )
     )

@@ -1,5 +1,5 @@
-"""The navigator among beacons: its formulas against independent ones, and what it does where
-things go wrong.
+"""The navigator among beacons: its formulas against independent ones, and its behaviour under
+faults of sensors.
 """
 
 import math
@@ -38,168 +38,179 @@ from laisn.errors import LaisnError
 from laisn.estimates import FixKind
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from tests.laisn.lawn_mower import DT as STEP
-from tests.laisn.lawn_mower import Faults, mown
+from tests.laisn.lawn_mower import Faults, mow_the_lawn
 from tests.laisn.round_trip import Errors, round_trip
 
 RANDOM = np.random.default_rng(5)
 ALL_ON = replace(BeaconSettings(), current_sigma=0.3)
 
 
-def ranging(
-    place: tuple[float, float], measured: float, *, deeper: float = 0.0, sigma: float = 0.5
+def to_first_beacon(
+    beacon: tuple[float, float],
+    measured: float,
+    *,
+    depth_difference: float = 0.0,
+    sigma: float = 0.5,
 ) -> RangeMeasurement:
     """A range to the first beacon."""
     return RangeMeasurement(
-        0, *place, deeper, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0)
+        0, *beacon, depth_difference, measured, sigma**2, math.log(0.95), math.log(0.05 / 20.0)
     )
 
 
-def belief(
-    settings: BeaconSettings = ALL_ON, place: tuple[float, float] = (3.0, -4.0)
+def correlated_belief(
+    settings: BeaconSettings = ALL_ON, position: tuple[float, float] = (3.0, -4.0)
 ) -> BeaconBelief:
     """A belief with one beacon and errors that are correlated with each other."""
-    made = with_beacon(new_belief(settings, place), settings)
-    n = made.prior_variance.size
-    made.state[0, 2:] = 0.02 * RANDOM.standard_normal(n - 2)
+    belief = with_beacon(new_belief(settings, position), settings)
+    n = belief.prior_variance.size
+    belief.state[0, 2:] = 0.02 * RANDOM.standard_normal(n - 2)
     root = RANDOM.standard_normal((n, n)) * 0.05
-    made.covariance[0] += root @ root.T
-    return made
+    belief.covariance[0] += root @ root.T
+    return belief
 
 
-def with_covariance(made: BeaconBelief, covariance: Floats) -> BeaconBelief:
-    made.covariance[0] = covariance
-    return made
+def with_covariance(belief: BeaconBelief, covariance: Floats) -> BeaconBelief:
+    belief.covariance[0] = covariance
+    return belief
 
 
-def expected_range(x: Floats, place: tuple[float, float], deeper: float) -> float:
-    own = SHARED
-    off = np.array([x[X] - place[0] - x[own + 1], x[Y] - place[1] - x[own + 2], deeper])
-    return float((1.0 + x[RANGE_SCALE]) * np.linalg.norm(off) + x[own])
+def expected_range(x: Floats, beacon: tuple[float, float], depth_difference: float) -> float:
+    first = SHARED
+    offset = np.array(
+        [x[X] - beacon[0] - x[first + 1], x[Y] - beacon[1] - x[first + 2], depth_difference]
+    )
+    return float((1.0 + x[RANGE_SCALE]) * np.linalg.norm(offset) + x[first])
 
 
 def test_a_range_has_the_derivatives_of_finite_differences() -> None:
-    made, place = belief(), (40.0, 25.0)
-    n, x = made.prior_variance.size, made.state[0].copy()
-    with_covariance(made, np.eye(n) * 1e-12)
-    predict_range(made, 0, ranging(place, 50.0, deeper=6.0))
-    rows = made.ph / 1e-12
+    belief, beacon = correlated_belief(), (40.0, 25.0)
+    n, x = belief.prior_variance.size, belief.state[0].copy()
+    with_covariance(belief, np.eye(n) * 1e-12)
+    predict_range(belief, 0, to_first_beacon(beacon, 50.0, depth_difference=6.0))
+    row = belief.ph / 1e-12
     for j in range(n):
         step = np.zeros(n)
         step[j] = 1e-6
-        slope = (expected_range(x + step, place, 6.0) - expected_range(x - step, place, 6.0)) / 2e-6
-        assert rows[j] == pytest.approx(slope, abs=1e-8)
+        slope = (
+            expected_range(x + step, beacon, 6.0) - expected_range(x - step, beacon, 6.0)
+        ) / 2e-6
+        assert row[j] == pytest.approx(slope, abs=1e-8)
 
 
 def test_a_range_has_the_mean_and_variance_of_many_draws() -> None:
     """Second-order terms: two metres across at thirty bend a circle by centimetres."""
-    made, place = belief(), (20.0, 18.0)
-    root = 0.8 * RANDOM.standard_normal((made.prior_variance.size, made.prior_variance.size))
+    belief, beacon = correlated_belief(), (20.0, 18.0)
+    root = 0.8 * RANDOM.standard_normal((belief.prior_variance.size, belief.prior_variance.size))
     root[2:] *= 0.001
-    with_covariance(made, root @ root.T)
-    x = made.state[0] + RANDOM.standard_normal((400_000, made.prior_variance.size)) @ root.T
-    off = x[:, :2] - np.array(place) - x[:, SHARED + 1 : SHARED + 3]
-    drawn = (1.0 + x[:, RANGE_SCALE]) * np.hypot(*off.T) + x[:, SHARED]
-    residual, variance, _ = predict_range(made, 0, ranging(place, 0.0))
-    error = drawn.std() / math.sqrt(drawn.size)
-    assert -residual == pytest.approx(drawn.mean(), abs=5.0 * error)
-    first_order = -residual - expected_range(made.state[0], place, 0.0)
-    assert abs(first_order) > 10.0 * error, "the correction must matter here"
+    with_covariance(belief, root @ root.T)
+    x = belief.state[0] + RANDOM.standard_normal((400_000, belief.prior_variance.size)) @ root.T
+    offset = x[:, :2] - np.array(beacon) - x[:, SHARED + 1 : SHARED + 3]
+    drawn = (1.0 + x[:, RANGE_SCALE]) * np.hypot(*offset.T) + x[:, SHARED]
+    residual, variance, _ = predict_range(belief, 0, to_first_beacon(beacon, 0.0))
+    standard_error = drawn.std() / math.sqrt(drawn.size)
+    assert -residual == pytest.approx(drawn.mean(), abs=5.0 * standard_error)
+    first_order = -residual - expected_range(belief.state[0], beacon, 0.0)
+    assert abs(first_order) > 10.0 * standard_error, "the correction must matter here"
     assert variance == pytest.approx(drawn.var(), rel=0.01)
 
 
-def moved(x: Floats, speed: float, heading: float, time: float) -> Floats:
-    """What a step of odometry does to a state, written down once more."""
+def after_odometry(x: Floats, speed: float, heading: float, time: float) -> Floats:
+    """A state after a step of odometry, by formulas written out once more."""
     y = x.copy()
     y[HEADING_ERROR] += time * x[GYRO_BIAS]
-    way = math.exp(x[SPEED_SCALE]) * speed * time
+    distance = math.exp(x[SPEED_SCALE]) * speed * time
     y[:2] += (
-        way * np.array([math.sin(heading - y[HEADING_ERROR]), math.cos(heading - y[HEADING_ERROR])])
+        distance
+        * np.array([math.sin(heading - y[HEADING_ERROR]), math.cos(heading - y[HEADING_ERROR])])
         + time * x[6:8]
     )
     return y
 
 
 def test_odometry_moves_mean_and_covariance_as_finite_differences_do() -> None:
-    made = belief()
-    n, x, before = made.prior_variance.size, made.state[0].copy(), made.covariance[0].copy()
+    belief = correlated_belief()
+    n, x, before = belief.prior_variance.size, belief.state[0].copy(), belief.covariance[0].copy()
     step = 1e-6
-    rows = np.column_stack(
+    jacobian = np.column_stack(
         [
-            (moved(x + step * e, 1.7, 0.8, 0.5) - moved(x - step * e, 1.7, 0.8, 0.5)) / (2 * step)
+            (
+                after_odometry(x + step * e, 1.7, 0.8, 0.5)
+                - after_odometry(x - step * e, 1.7, 0.8, 0.5)
+            )
+            / (2 * step)
             for e in np.eye(n)
         ]
     )
-    predict(made, (0.0, 1e-3), 1.7, 0.8, 0.5)
-    np.testing.assert_allclose(made.state[0], moved(x, 1.7, 0.8, 0.5), atol=1e-12)
-    grown = made.covariance[0] - rows @ before @ rows.T
-    # what biases that wander add, and nothing else
-    assert np.all(np.abs(grown - np.diag(np.diag(grown))) < 1e-8)
-    assert np.all(np.diag(grown)[[SPEED_SCALE, HEADING_ERROR, GYRO_BIAS]] > 0.0)
-    np.testing.assert_allclose(np.diag(grown)[[X, Y, RANGE_SCALE]], 0.0, atol=1e-8)
+    predict(belief, (0.0, 1e-3), 1.7, 0.8, 0.5)
+    np.testing.assert_allclose(belief.state[0], after_odometry(x, 1.7, 0.8, 0.5), atol=1e-12)
+    added = belief.covariance[0] - jacobian @ before @ jacobian.T
+    # the random walks of the biases add to the diagonal, and nothing else is added
+    assert np.all(np.abs(added - np.diag(np.diag(added))) < 1e-8)
+    assert np.all(np.diag(added)[[SPEED_SCALE, HEADING_ERROR, GYRO_BIAS]] > 0.0)
+    np.testing.assert_allclose(np.diag(added)[[X, Y, RANGE_SCALE]], 0.0, atol=1e-8)
 
 
 def test_far_away_it_is_the_linear_filter_of_filterpy() -> None:
-    """Ten thousand kilometres off, a circle is straight; filterpy has the same numbers to 1e-9
-    of them.
-    """
-    made, place = belief(place=(0.0, -4.0)), (0.0, 1e7)
-    n = made.prior_variance.size
+    """A circle of ten thousand kilometres is straight: the update is that of a linear filter."""
+    belief, beacon = correlated_belief(position=(0.0, -4.0)), (0.0, 1e7)
+    n = belief.prior_variance.size
     root = 0.1 * RANDOM.standard_normal((n, n))
     root[RANGE_SCALE] = 0.0
-    with_covariance(made, root @ root.T)
-    made.state[0, RANGE_SCALE] = 0.0
-    other = KalmanFilter(dim_x=n, dim_z=1)
-    other.x, other.P, other.R = (
-        made.state[0][:, None].copy(),
-        made.covariance[0].copy(),
+    with_covariance(belief, root @ root.T)
+    belief.state[0, RANGE_SCALE] = 0.0
+    kalman = KalmanFilter(dim_x=n, dim_z=1)
+    kalman.x, kalman.P, kalman.R = (
+        belief.state[0][:, None].copy(),
+        belief.covariance[0].copy(),
         np.array([[0.25]]),
     )
-    row = np.zeros((1, n))
-    row[0, [Y, SHARED, SHARED + 2]] = -1.0, 1.0, 1.0
-    far = 1e7 - made.state[0, Y] + made.state[0, SHARED + 2] + made.state[0, SHARED]
-    z = ranging(place, far + 0.3)
-    other.update(np.array([[z.range - far]]) + row @ other.x, H=row)
-    update(made, 0, z)
-    used = made.outcome[0]["used"]
+    H = np.zeros((1, n))
+    H[0, [Y, SHARED, SHARED + 2]] = -1.0, 1.0, 1.0
+    predicted = 1e7 - belief.state[0, Y] + belief.state[0, SHARED + 2] + belief.state[0, SHARED]
+    z = to_first_beacon(beacon, predicted + 0.3)
+    kalman.update(np.array([[z.range - predicted]]) + H @ kalman.x, H=H)
+    update(belief, 0, z)
+    used = belief.outcome[0]["used"]
     assert used
-    np.testing.assert_allclose(made.state[0], other.x[:, 0], atol=1e-8)
-    np.testing.assert_allclose(made.covariance[0], other.P, atol=1e-9)
+    np.testing.assert_allclose(belief.state[0], kalman.x[:, 0], atol=1e-8)
+    np.testing.assert_allclose(belief.covariance[0], kalman.P, atol=1e-9)
 
 
-def mixture_moments(b: BeaconBelief) -> tuple[Floats, Floats]:
-    k = b.n_hypotheses[0]
-    weight, state = b.weight[:k] / b.weight[:k].sum(), b.state[:k]
+def mixture_moments(belief: BeaconBelief) -> tuple[Floats, Floats]:
+    count = belief.n_hypotheses[0]
+    weight, state = belief.weight[:count] / belief.weight[:count].sum(), belief.state[:count]
     mean = weight @ state
-    off = state - mean
-    return mean, np.einsum("k,kij->ij", weight, b.covariance[:k]) + np.einsum(
-        "k,ki,kj->ij", weight, off, off
+    offsets = state - mean
+    return mean, np.einsum("k,kij->ij", weight, belief.covariance[:count]) + np.einsum(
+        "k,ki,kj->ij", weight, offsets, offsets
     )
 
 
 def test_splits_keep_mean_and_covariance_until_a_circle_is_straight() -> None:
-    made = belief()
-    made.covariance[0, X, X] += 9.0
-    made.covariance[0, Y, Y] += 25.0
-    before, z = mixture_moments(made), ranging((10.0, 0.0), 30.0)
-    split(made, z)
-    assert 5 < made.n_hypotheses[0] < CAPACITY - 1
-    for old, new in zip(before, mixture_moments(made), strict=True):
-        np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-9)
-    for k in range(made.n_hypotheses[0]):
-        assert predict_range(made, k, z)[2] <= 0.7 * 0.5
+    belief = correlated_belief()
+    belief.covariance[0, X, X] += 9.0
+    belief.covariance[0, Y, Y] += 25.0
+    before, z = mixture_moments(belief), to_first_beacon((10.0, 0.0), 30.0)
+    split(belief, z)
+    assert 5 < belief.n_hypotheses[0] < CAPACITY - 1
+    for moments_before, moments_after in zip(before, mixture_moments(belief), strict=True):
+        np.testing.assert_allclose(moments_after, moments_before, rtol=1e-9, atol=1e-9)
+    for k in range(belief.n_hypotheses[0]):
+        assert predict_range(belief, k, z)[2] <= 0.7 * 0.5
 
 
 def test_components_at_one_position_merge_and_keep_their_moments() -> None:
-    made = belief()
-    made.covariance[0, X, X] += 4.0
-    split(made, ranging((3.0, 1.0), 5.0, sigma=0.05))
-    before = mixture_moments(made)
+    belief = correlated_belief()
+    belief.covariance[0, X, X] += 4.0
+    split(belief, to_first_beacon((3.0, 1.0), 5.0, sigma=0.05))
+    before = mixture_moments(belief)
     # all within a third of their spread
-    made.covariance[:, X, X] += 400.0
-    made.covariance[:, Y, Y] += 400.0
-    prune_and_merge(made)
-    assert made.n_hypotheses[0] == 1
-    mean, covariance = mixture_moments(made)
+    belief.covariance[:, X, X] += 400.0
+    belief.covariance[:, Y, Y] += 400.0
+    prune_and_merge(belief)
+    assert belief.n_hypotheses[0] == 1
+    mean, covariance = mixture_moments(belief)
     covariance[[X, Y], [X, Y]] -= 400.0
     np.testing.assert_allclose(mean, before[0], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(covariance, before[1], rtol=1e-9, atol=1e-9)
@@ -221,10 +232,10 @@ def test_without_noise_the_errors_of_all_sensors_are_found() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "least", "most"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)]
+    ("noise", "lowest", "highest"), [(1.0, 0.79, 1.21), (0.05, 0.25, 0.3), (4.0, 1.7, 2.0)]
 )
 def test_range_variances_are_estimated_within_bounds(
-    noise: float, least: float, most: float
+    noise: float, lowest: float, highest: float
 ) -> None:
     """With 0.5 m on the data sheet, twice that is estimated, and nothing below half of it or above
     four times it.
@@ -235,9 +246,9 @@ def test_range_variances_are_estimated_within_bounds(
     measured, truth = round_trip(Errors(noise=noise), seconds=900)
     navigator = BeaconNavigator(BeaconSettings(outlier_span=200.0), np.array([*truth[0], 0.0, 0.0]))
     navigator.run(measured)
-    actual = np.sqrt(navigator._belief.variance)
-    assert actual.min() >= least
-    assert actual.max() <= most
+    range_sigma = np.sqrt(navigator._belief.variance)
+    assert range_sigma.min() >= lowest
+    assert range_sigma.max() <= highest
 
 
 @pytest.mark.parametrize("medium", MEDIA)
@@ -252,13 +263,13 @@ def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) ->
             Errors.drawn(settings, seed), seconds=300, seed=seed, slip=settings.slip
         )
         start = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
-        actual = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
-        off = actual.state[::100, :2] - truth[1::100]
+        estimates = BeaconNavigator(settings, np.array([*start, 0.0, 0.0])).run(measured)
+        errors = estimates.state[::100, :2] - truth[1::100]
         nees.append(
             np.mean(
                 [
                     e @ np.linalg.solve(p[:2, :2], e)
-                    for e, p in zip(off, actual.covariance[::100], strict=True)
+                    for e, p in zip(errors, estimates.covariance[::100], strict=True)
                 ]
             )
         )
@@ -266,17 +277,17 @@ def test_the_covariance_is_consistent_where_its_assumptions_hold(medium: str) ->
     assert 1.2 < np.mean(nees) < 2.8
 
 
-def test_the_medium_shows_in_what_it_makes_of_the_ranges() -> None:
-    for medium, other in (("air", "water"), ("water", "air")):
-        true = Errors(range_scale=0.07 if medium == "air" else 0.001)
-        measured, truth = round_trip(true, seconds=600, slip=MEDIA[medium].slip)
+def test_the_evidence_is_larger_for_the_settings_of_the_true_medium() -> None:
+    for true_medium, other_medium in (("air", "water"), ("water", "air")):
+        true = Errors(range_scale=0.07 if true_medium == "air" else 0.001)
+        measured, truth = round_trip(true, seconds=600, slip=MEDIA[true_medium].slip)
         start = np.array([*truth[0], 0.0, 0.0])
         evidence = {}
-        for name in (medium, other):
-            navigator = BeaconNavigator(MEDIA[name], start)
+        for medium in (true_medium, other_medium):
+            navigator = BeaconNavigator(MEDIA[medium], start)
             navigator.run(measured)
-            evidence[name] = navigator.evidence
-        assert evidence[medium] > evidence[other] + 5.0
+            evidence[medium] = navigator.evidence
+        assert evidence[true_medium] > evidence[other_medium] + 5.0
 
 
 def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
@@ -284,15 +295,15 @@ def test_an_unknown_start_is_found_though_its_first_ranges_are_wrong() -> None:
     ranges = measured.ranges.copy()
     ranges[:3] += np.array([[-35.0], [60.0], [-20.0]])
     navigator = BeaconNavigator(BeaconSettings(known_start=False), None)
-    actual = navigator.run(replace(measured, ranges=ranges))
-    assert np.isnan(actual.state[0]).all()
-    off = np.hypot(*(actual.state[:, :2] - truth[1:]).T)
-    assert off[600:].mean() < 0.5
-    assert np.all(actual.fix_kind[:3] != FixKind.LOST)
+    estimates = navigator.run(replace(measured, ranges=ranges))
+    assert np.isnan(estimates.state[0]).all()
+    errors = np.hypot(*(estimates.state[:, :2] - truth[1:]).T)
+    assert errors[600:].mean() < 0.5
+    assert np.all(estimates.fix_kind[:3] != FixKind.LOST)
 
 
-def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
-    """Densities of wrong ranges are one: they would add to the evidence of one medium alone."""
+def test_media_have_the_same_density_of_wrong_ranges() -> None:
+    """Otherwise a wrong range would add to the evidence of one medium alone."""
     assert (
         len({(settings.outlier_probability, settings.outlier_span) for settings in MEDIA.values()})
         == 1
@@ -300,37 +311,41 @@ def test_media_differ_in_what_their_evidence_may_be_compared_by() -> None:
 
 
 def test_under_water_a_known_start_is_no_worse_than_none() -> None:
-    """With a compass, whose error does not grow at a rate, in the mean over runs; both after a
-    minute.
-    """
+    """With a compass, which has no bias of a rate: mean errors over runs after a minute."""
     settings = MEDIA["water"]
     assert settings.gyro_bias_sigma == 0.0
-    off: dict[bool, list[float]] = {True: [], False: []}
+    mean_errors: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(4):
         measured, truth = round_trip(
             Errors.drawn(settings, seed), seconds=600, seed=seed, slip=settings.slip
         )
-        place = truth[0] + settings.start_sigma * np.random.default_rng(seed).standard_normal(2)
-        for known, errors in off.items():
-            start = np.array([*place, 0.0, 0.0]) if known else None
-            actual = BeaconNavigator(replace(settings, known_start=known), start).run(measured)
-            errors.append(float(np.hypot(*(actual.state[600:, :2] - truth[601:]).T).mean()))
-    assert np.mean(off[True]) <= 1.02 * np.mean(off[False])
+        believed_start = truth[0] + settings.start_sigma * np.random.default_rng(
+            seed
+        ).standard_normal(2)
+        for known_start, errors_of_runs in mean_errors.items():
+            start = np.array([*believed_start, 0.0, 0.0]) if known_start else None
+            estimates = BeaconNavigator(replace(settings, known_start=known_start), start).run(
+                measured
+            )
+            errors_of_runs.append(
+                float(np.hypot(*(estimates.state[600:, :2] - truth[601:]).T).mean())
+            )
+    assert np.mean(mean_errors[True]) <= 1.02 * np.mean(mean_errors[False])
 
 
 FAULTS = {
     "log": Faults(speed_scale=0.08, speed_wave=0.05),
     "compass": Faults(deviation=np.deg2rad(5.0)),
-    "echoes": Faults(wrong=0.15),
-    "echoes in bursts": Faults(wrong=0.2, burst=6),
-    "ranges with a memory": Faults(memory=0.8),
+    "echoes": Faults(echo_share=0.15),
+    "echoes in bursts": Faults(echo_share=0.2, echo_burst=6),
+    "correlated ranges": Faults(error_correlation=0.8),
     "all": Faults(
         speed_scale=0.06,
         speed_wave=0.03,
         deviation=np.deg2rad(5.0),
-        wrong=0.15,
-        burst=4,
-        memory=0.5,
+        echo_share=0.15,
+        echo_burst=4,
+        error_correlation=0.5,
         range_sigma=0.8,
         start_sigma=3.0,
     ),
@@ -344,46 +359,48 @@ FAULTS = {
 def test_under_water_the_covariance_bears_faults_of_log_compass_and_ranges(
     faults: Faults, known_start: bool
 ) -> None:
-    """Defaults, after five minutes, as echoes at the start mislead for some: a mean NEES below 3,
-    where 2 is right, and errors of metres.
+    """Default settings: a mean NEES below 3, where 2 is consistent, and a mean error below 1.5 m.
 
-    A ring after eight echoes in a row of one beacon alone would be beyond it.
+    The first five minutes are left out, as echoes at the start may mislead that long. If eight
+    echoes in a row from one beacon alone added a ring, these bounds would be exceeded.
     """
     settings = replace(MEDIA["water"], dt=STEP, known_start=known_start)
     nees = []
-    errors = []
+    mean_errors = []
     for seed in range(5):
-        measured, truth, start = mown(faults, seed)
+        measured, truth, start = mow_the_lawn(faults, seed)
         navigator = BeaconNavigator(settings, start if known_start else None)
         estimates = navigator.run(measured)
         settled = slice(round(300.0 / STEP), None)
-        off = (estimates.state[:, :2] - truth[1:])[settled]
+        position_error = (estimates.state[:, :2] - truth[1:])[settled]
         P = estimates.covariance[settled, :2, :2]
-        nees.append(np.mean(np.einsum("ki,kij,kj->k", off, np.linalg.inv(P), off)))
-        errors.append(np.hypot(*off.T).mean())
+        nees.append(
+            np.mean(np.einsum("ki,kij,kj->k", position_error, np.linalg.inv(P), position_error))
+        )
+        mean_errors.append(np.hypot(*position_error.T).mean())
     assert np.mean(nees) < 3.0
-    assert np.mean(errors) < 1.5
+    assert np.mean(mean_errors) < 1.5
 
 
 def test_echoes_are_left_out_and_a_vehicle_carried_away_is_found_again() -> None:
     measured, truth = round_trip(Errors(), seconds=400)
     start = np.array([*truth[0], 0.0, 0.0])
     ranges = measured.ranges.copy()
-    wrong = np.arange(5, 400, 10)
-    ranges[wrong] += 12.0
-    actual = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
-    assert np.hypot(*(actual.state[:, :2] - truth[1:]).T).mean() < 0.6
-    assert np.mean(actual.fix_kind[wrong] == FixKind.GATED) > 0.95
+    echoes = np.arange(5, 400, 10)
+    ranges[echoes] += 12.0
+    estimates = BeaconNavigator(BeaconSettings(), start).run(replace(measured, ranges=ranges))
+    assert np.hypot(*(estimates.state[:, :2] - truth[1:]).T).mean() < 0.6
+    assert np.mean(estimates.fix_kind[echoes] == FixKind.GATED) > 0.95
     # it is lifted at 200 s and set down 70 m away, without odometry
-    away = replace(
+    carried = replace(
         measured,
         ranges=np.vstack(
             [measured.ranges[:200], round_trip(Errors(), 400, shift=70.0)[0].ranges[200:]]
         ),
     )
-    actual = BeaconNavigator(BeaconSettings(), start).run(away)
-    off = np.hypot(*(actual.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
-    assert off.mean() < 1.0
+    estimates = BeaconNavigator(BeaconSettings(), start).run(carried)
+    errors = np.hypot(*(estimates.state[-500:, :2] - (truth[-500:] + np.array([70.0, 0.0]))).T)
+    assert errors.mean() < 1.0
 
 
 @settings(max_examples=8, deadline=None)
@@ -395,18 +412,20 @@ def test_a_world_that_is_turned_and_moved_gives_the_same_estimates(
     c, s = math.cos(turn), math.sin(turn)
     rotation, shift = np.array([[c, s], [-s, c]]), np.array([east, north])
     assert measured.transmitters is not None
-    places = measured.transmitters.copy()
-    places[..., :2] = places[..., :2] @ rotation.T + shift
-    other = replace(measured, heading=measured.heading + turn, transmitters=places)
-    first = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0])).run(measured)
-    second = BeaconNavigator(
+    transmitters = measured.transmitters.copy()
+    transmitters[..., :2] = transmitters[..., :2] @ rotation.T + shift
+    turned_world = replace(measured, heading=measured.heading + turn, transmitters=transmitters)
+    estimates = BeaconNavigator(BeaconSettings(), np.array([*truth[0], 0.0, 0.0])).run(measured)
+    of_turned_world = BeaconNavigator(
         BeaconSettings(), np.array([*(rotation @ truth[0] + shift), 0.0, 0.0])
-    ).run(other)
+    ).run(turned_world)
     np.testing.assert_allclose(
-        second.state[:, :2], first.state[:, :2] @ rotation.T + shift, atol=1e-6
+        of_turned_world.state[:, :2], estimates.state[:, :2] @ rotation.T + shift, atol=1e-6
     )
     np.testing.assert_allclose(
-        second.covariance[:, :2, :2], rotation @ first.covariance[:, :2, :2] @ rotation.T, atol=1e-8
+        of_turned_world.covariance[:, :2, :2],
+        rotation @ estimates.covariance[:, :2, :2] @ rotation.T,
+        atol=1e-8,
     )
 
 
@@ -427,35 +446,35 @@ def test_step_by_step_is_the_whole_mission_to_the_bit_and_stays_positive_definit
 def reception(
     ranges: tuple[float, float, float] = (20.0, math.nan, math.nan), east: float = 0.0
 ) -> Reception:
-    places = np.full((3, 3), math.nan)
-    places[0] = east, 5.0, 0.0
-    return Reception(LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Ranges(*ranges), places)
+    transmitters = np.full((3, 3), math.nan)
+    transmitters[0] = east, 5.0, 0.0
+    return Reception(LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Ranges(*ranges), transmitters)
 
 
 def test_absurd_readings_are_named() -> None:
-    fine, start = OwnMotion(1.0, 0.0, 0.0), np.zeros(4)
+    valid, start = OwnMotion(1.0, 0.0, 0.0), np.zeros(4)
     cases = [
         (OwnMotion(math.nan, 0.0, 0.0), None, 0.1, "is not finite"),
         (OwnMotion(80.0, 0.0, 0.0), None, 0.1, "the speed is 80 m/s"),
-        (fine, None, 0.0, "expected a positive time"),
-        (fine, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for a missing one"),
-        (fine, reception()._replace(transmitters=None), 0.1, "needs beacons"),
+        (valid, None, 0.0, "expected a positive time"),
+        (valid, reception((-3.0, math.nan, math.nan)), 0.1, "NaN for a missing one"),
+        (valid, reception()._replace(transmitters=None), 0.1, "needs beacons"),
     ]
-    for own, received, time, words in cases:
-        with pytest.raises(LaisnError, match=words):
-            BeaconNavigator(BeaconSettings(), start).step(own, received, time)
+    for own_motion, received_ranges, duration, error_message in cases:
+        with pytest.raises(LaisnError, match=error_message):
+            BeaconNavigator(BeaconSettings(), start).step(own_motion, received_ranges, duration)
     with pytest.raises(ValueError, match="expected four finite numbers"):
         BeaconNavigator(BeaconSettings(), np.zeros(3))
     with pytest.raises(ValueError, match="slip is -1"):
         BeaconSettings(slip=-1.0)
     with pytest.raises(ValueError, match="outlier_probability is 1"):
         BeaconSettings(outlier_probability=1.0)
-    roaming = BeaconNavigator(BeaconSettings(), start)
+    among_65_beacons = BeaconNavigator(BeaconSettings(), start)
     for k in range(64):
-        roaming.step(fine, reception(east=float(k)))
+        among_65_beacons.step(valid, reception(east=float(k)))
     with pytest.raises(LaisnError, match="more than 64 places; a beacon must lie still"):
-        roaming.step(fine, reception(east=64.0))
-    used = BeaconNavigator(BeaconSettings(), start)
-    used.step(fine, reception((math.nan, math.nan, math.nan)))
+        among_65_beacons.step(valid, reception(east=64.0))
+    already_used = BeaconNavigator(BeaconSettings(), start)
+    already_used.step(valid, reception((math.nan, math.nan, math.nan)))
     with pytest.raises(ValueError, match="a mission needs a new one"):
-        used.run(round_trip(Errors(), seconds=1)[0])
+        already_used.run(round_trip(Errors(), seconds=1)[0])

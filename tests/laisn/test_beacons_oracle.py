@@ -31,50 +31,54 @@ DT = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Trip:
-    """A vehicle that circles among three beacons; all else follows from the seed."""
+    """A vehicle that wanders among three beacons; all else follows from the seed."""
 
     seed: int = 0
     steps: int = 30
-    received: float = 0.5
+    received_share: float = 0.5
     """Share of ranges that arrive."""
-    wrong: float = 0.0
+    wrong_share: float = 0.0
     """Share of these that are wrong."""
-    first_wrong: int = 0
+    wrong_steps: int = 0
     """Steps at the start whose ranges are all wrong."""
-    carried: int = 1000
-    """Step at which the vehicle is moved elsewhere."""
-    robot: bool = False
-    """Whether the first beacon is a robot that goes by odometry whose heading errs."""
+    carried_at: int = 1000
+    """Step at which the vehicle is displaced by 39 m without odometry."""
+    has_robot: bool = False
+    """Whether the first beacon is a robot that moves by odometry with an error of its heading."""
 
     def readings(self) -> tuple[list[tuple[OwnMotion, Reception, float]], Floats]:
         """Readings and receptions of the vehicle in each step, and its start."""
         rng = np.random.default_rng(self.seed)
-        begin = place = np.array([-3.0, 2.0])
+        start_position = position = np.array([-3.0, 2.0])
         heading, steps = rng.uniform(-3.0, 3.0), []
-        places = PLACES.copy()
-        claimed = PLACES.copy()
+        true_beacons = PLACES.copy()
+        claimed_beacons = PLACES.copy()
         for k in range(self.steps):
-            time, heading = float(rng.uniform(0.5, 1.5)), heading + 0.3 * rng.normal()
-            place = place + 1.4 * time * np.array([np.sin(heading), np.cos(heading)])
-            place = place + (np.array([30.0, 25.0]) if k == self.carried else 0.0)
-            if self.robot:
+            duration, heading = float(rng.uniform(0.5, 1.5)), heading + 0.3 * rng.normal()
+            position = position + 1.4 * duration * np.array([np.sin(heading), np.cos(heading)])
+            position = position + (np.array([30.0, 25.0]) if k == self.carried_at else 0.0)
+            if self.has_robot:
                 course = 0.1 * k
-                step = 0.9 * time * np.array([np.sin(course), np.cos(course)])
-                claimed[0, :2] += step
-                places[0, :2] += 0.9 * time * np.array([np.sin(course - 0.2), np.cos(course - 0.2)])
-            ranges = np.linalg.norm(places - [*place, 4.3], axis=1) * 1.01 + 0.3 * rng.normal(
-                size=3
-            )
-            wrong = rng.random(3) < (1.0 if k < self.first_wrong else self.wrong)
-            ranges = np.abs(ranges + wrong * rng.uniform(-15.0, 25.0, 3))
-            ranges[rng.random(3) > self.received] = np.nan
-            own = OwnMotion(1.4 + 0.05 * rng.normal(), heading + 0.03 + 0.004 * k, 4.5)
+                odometry = 0.9 * duration * np.array([np.sin(course), np.cos(course)])
+                claimed_beacons[0, :2] += odometry
+                true_beacons[0, :2] += (
+                    0.9 * duration * np.array([np.sin(course - 0.2), np.cos(course - 0.2)])
+                )
+            ranges = np.linalg.norm(
+                true_beacons - [*position, 4.3], axis=1
+            ) * 1.01 + 0.3 * rng.normal(size=3)
+            is_wrong = rng.random(3) < (1.0 if k < self.wrong_steps else self.wrong_share)
+            ranges = np.abs(ranges + is_wrong * rng.uniform(-15.0, 25.0, 3))
+            ranges[rng.random(3) > self.received_share] = np.nan
+            own_motion = OwnMotion(1.4 + 0.05 * rng.normal(), heading + 0.03 + 0.004 * k, 4.5)
             message = LeaderMessage(float(k), 0.0, 0.0, 0.0, 0.0, 0.0)
-            if self.robot:
-                message = LeaderMessage(float(k), *claimed[0, :2].tolist(), 0.1 * k, 0.9, 0.0)
-            received = Reception(message, Ranges(*ranges.tolist()), claimed.copy())
-            steps.append((own, received, time))
-        return steps, np.array([*begin, 0.0, 0.0])
+            if self.has_robot:
+                message = LeaderMessage(
+                    float(k), *claimed_beacons[0, :2].tolist(), 0.1 * k, 0.9, 0.0
+                )
+            reception = Reception(message, Ranges(*ranges.tolist()), claimed_beacons.copy())
+            steps.append((own_motion, reception, duration))
+        return steps, np.array([*start_position, 0.0, 0.0])
 
 
 RADIO = BeaconSettings(dt=DT, hydrophone_height=0.2)
@@ -85,20 +89,20 @@ SOUND = replace(MEDIA["water"], gyro_bias_sigma=0.0, range_sigma=0.2)
     ("settings", "trip"),
     [
         (RADIO, Trip()),
-        (SOUND, Trip(seed=1, wrong=0.1)),
+        (SOUND, Trip(seed=1, wrong_share=0.1)),
         (replace(SOUND, known_start=False), Trip(seed=2, steps=9)),
-        (replace(RADIO, known_start=False), Trip(seed=3, steps=3, first_wrong=2)),
+        (replace(RADIO, known_start=False), Trip(seed=3, steps=3, wrong_steps=2)),
         (
             replace(RADIO, start_sigma=6.0, speed_scale_sigma=0.0),
-            Trip(seed=4, received=0.7, carried=12),
+            Trip(seed=4, received_share=0.7, carried_at=12),
         ),
         (
             replace(RADIO, track_slip=0.1, track_heading_walk=0.03),
-            Trip(seed=5, received=0.7, robot=True),
+            Trip(seed=5, received_share=0.7, has_robot=True),
         ),
         (
             replace(RADIO, known_start=False, track_heading_walk=0.02, gyro_bias_sigma=0.0),
-            Trip(seed=6, steps=9, robot=True),
+            Trip(seed=6, steps=9, has_robot=True),
         ),
     ],
     ids=[
@@ -116,102 +120,118 @@ def test_an_independent_navigator_agrees(settings: BeaconSettings, trip: Trip) -
     one.
     """
     steps, start = trip.readings()
-    begin = start if settings.known_start else None
-    navigator = BeaconNavigator(settings, begin)
-    order: list[int] = []
+    known_start = start if settings.known_start else None
+    navigator = BeaconNavigator(settings, known_start)
+    beacon_order: list[int] = []
     for _, reception, _ in steps:
-        order += [i for i in range(3) if not np.isnan(reception.ranges[i]) and i not in order]
-    robots = (order.index(0),) if trip.robot else ()
-    oracle = BeaconOracle(settings, PLACES[order], begin, robots)
-    now = 0.0
-    for own, reception, time in steps:
-        (update,) = navigator.step(own, reception, time)
-        oracle.advance(own.speed, own.heading, time)
-        received = [i for i in range(3) if not np.isnan(reception.ranges[i])]
-        depth = own.depth - settings.hydrophone_height
-        now += time
-        used = []
-        for i in received:
-            if order.index(i) in robots:
-                oracle.follow(order.index(i), reception.transmitters[i], now)
-            used.append(oracle.receive_range(order.index(i), reception.ranges[i], depth))
-        mean, covariance = oracle.now(own.speed, own.heading)
+        beacon_order += [
+            i for i in range(3) if not np.isnan(reception.ranges[i]) and i not in beacon_order
+        ]
+    robots = (beacon_order.index(0),) if trip.has_robot else ()
+    oracle = BeaconOracle(settings, PLACES[beacon_order], known_start, robots)
+    time = 0.0
+    for own_motion, reception, duration in steps:
+        (update,) = navigator.step(own_motion, reception, duration)
+        oracle.advance(own_motion.speed, own_motion.heading, duration)
+        received_beacons = [i for i in range(3) if not np.isnan(reception.ranges[i])]
+        depth = own_motion.depth - settings.hydrophone_height
+        time += duration
+        used_ranges = []
+        for i in received_beacons:
+            if beacon_order.index(i) in robots:
+                oracle.follow(beacon_order.index(i), reception.transmitters[i], time)
+            used_ranges.append(
+                oracle.receive_range(beacon_order.index(i), reception.ranges[i], depth)
+            )
+        mean, covariance = oracle.now(own_motion.speed, own_motion.heading)
         np.testing.assert_allclose(navigator.state, mean, rtol=0, atol=1e-7)
         np.testing.assert_allclose(navigator.covariance, covariance, rtol=1e-6, atol=1e-9)
         assert navigator.evidence == pytest.approx(oracle.evidence, abs=1e-7)
-        kind = FixKind.ONE_RANGE if any(used) else (FixKind.GATED if received else FixKind.LOST)
+        kind = (
+            FixKind.ONE_RANGE
+            if any(used_ranges)
+            else (FixKind.GATED if received_beacons else FixKind.LOST)
+        )
         assert update.kind == kind
         np.testing.assert_allclose(update.position, mean[:2], rtol=0, atol=1e-7)
         assert update.sigma == pytest.approx(
             np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])), nan_ok=True
         )
-        b = navigator._belief
-        assert b.n_hypotheses[0] == len(oracle.mixture)
-        np.testing.assert_allclose(b.variance, oracle.variance[: b.variance.size], rtol=1e-9)
+        belief = navigator._belief
+        assert belief.n_hypotheses[0] == len(oracle.mixture)
+        np.testing.assert_allclose(
+            belief.variance, oracle.variance[: belief.variance.size], rtol=1e-9
+        )
         for k, c in enumerate(oracle.mixture[:3]):
-            np.testing.assert_allclose(b.state[k], c.x[: b.prior_variance.size], rtol=0, atol=1e-7)
-            assert b.weight[k] == pytest.approx(c.weight, rel=1e-6)
+            np.testing.assert_allclose(
+                belief.state[k], c.x[: belief.prior_variance.size], rtol=0, atol=1e-7
+            )
+            assert belief.weight[k] == pytest.approx(c.weight, rel=1e-6)
 
 
 def test_the_heaviest_components_are_kept_and_the_heaviest_of_all_comes_first() -> None:
-    """Three hundred far from each other, ten of them of next to no weight."""
-    b = new_belief(RADIO, (0.0, 0.0))
+    """Of 300 components far from each other, ten of next to no weight, 256 are kept."""
+    belief = new_belief(RADIO, (0.0, 0.0))
     rng, count = np.random.default_rng(3), 300
     weight = rng.uniform(0.5, 1.5, count)
     weight[rng.choice(count, 10, replace=False)] = 1e-7
-    b.n_hypotheses[0], b.weight[:count] = count, weight / weight.sum()
-    b.state[:count, 0], b.covariance[:count] = (
+    belief.n_hypotheses[0], belief.weight[:count] = count, weight / weight.sum()
+    belief.state[:count, 0], belief.covariance[:count] = (
         100.0 * np.arange(count),
-        np.eye(b.prior_variance.size),
+        np.eye(belief.prior_variance.size),
     )
-    prune_and_merge(b)
-    kept = np.sort(weight)[-256:]
-    assert b.n_hypotheses[0] == 256
-    assert b.state[0, 0] == 100.0 * np.argmax(weight)
-    np.testing.assert_allclose(np.sort(b.weight[:256]), kept / kept.sum(), rtol=1e-12)
+    prune_and_merge(belief)
+    heaviest = np.sort(weight)[-256:]
+    assert belief.n_hypotheses[0] == 256
+    assert belief.state[0, 0] == 100.0 * np.argmax(weight)
+    np.testing.assert_allclose(np.sort(belief.weight[:256]), heaviest / heaviest.sum(), rtol=1e-12)
     np.testing.assert_allclose(
-        np.sort(weight[(b.state[:256, 0] / 100.0).astype(int)]), kept, rtol=1e-12
+        np.sort(weight[(belief.state[:256, 0] / 100.0).astype(int)]), heaviest, rtol=1e-12
     )
 
 
-def test_where_there_is_no_room_for_more_nothing_is_split_and_no_ring_is_added() -> None:
-    """1024 components at most: of 1022 that are wide one is split, and a ring of 48 must leave a
-    place free.
+def test_at_the_most_components_nothing_is_split_and_no_ring_is_added() -> None:
+    """1024 components at most: of 1022 that are wide one is split into three, and a ring of 48 is
+    added only to 975 or fewer.
     """
-    b, z = (
+    belief, measurement = (
         with_beacon(new_belief(RADIO, None), RADIO),
         RangeMeasurement(0, 0.0, 0.0, 0.0, 20.0, 0.25, -0.05, -6.0),
     )
-    for alive, after in ((1022, 1024), (1023, 1023)):
-        b.n_hypotheses[0], b.weight[:alive], b.state[:alive, 1] = alive, 1.0 / alive, 20.0
-        b.covariance[:alive] = 100.0 * np.eye(b.prior_variance.size)
-        split(b, z)
-        assert b.n_hypotheses[0] == after
-    # what is not alive any more is left alone
-    b.n_hypotheses[0], b.covariance[0] = 1, 0.01 * np.eye(b.prior_variance.size)
-    split(b, z)
-    assert b.n_hypotheses[0] == 1
-    for alive, after in ((976, 976), (975, 1023)):
-        b.n_hypotheses[0], b.weight[:alive] = alive, 1.0 / alive
-        add_ring(b, z, 0.1, False)
-        assert b.n_hypotheses[0] == after
+    for before, after in ((1022, 1024), (1023, 1023)):
+        belief.n_hypotheses[0], belief.weight[:before], belief.state[:before, 1] = (
+            before,
+            1.0 / before,
+            20.0,
+        )
+        belief.covariance[:before] = 100.0 * np.eye(belief.prior_variance.size)
+        split(belief, measurement)
+        assert belief.n_hypotheses[0] == after
+    # components beyond the count are left alone
+    belief.n_hypotheses[0], belief.covariance[0] = 1, 0.01 * np.eye(belief.prior_variance.size)
+    split(belief, measurement)
+    assert belief.n_hypotheses[0] == 1
+    for before, after in ((976, 976), (975, 1023)):
+        belief.n_hypotheses[0], belief.weight[:before] = before, 1.0 / before
+        add_ring(belief, measurement, 0.1, False)
+        assert belief.n_hypotheses[0] == after
 
 
-def test_positions_are_one_within_a_third_of_their_spread() -> None:
-    """Squared distance 0.3 in units of the mean covariance, across a correlated one."""
+def test_components_within_a_third_of_their_spread_merge() -> None:
+    """The limit is a squared distance of 0.3 in units of the mean covariance, √0.3 = 0.548."""
     spread = np.array([[4.0, 1.5], [1.5, 1.0]])
-    for aside, alive in ((0.54, 1), (0.56, 2)):
-        b = new_belief(RADIO, (0.0, 0.0))
-        b.n_hypotheses[0], b.weight[:2] = 2, [0.25, 0.75]
-        b.covariance[:2] = np.eye(b.prior_variance.size)
-        b.covariance[0, :2, :2], b.covariance[1, :2, :2] = 0.5 * spread, 1.5 * spread
+    for distance, remaining in ((0.54, 1), (0.56, 2)):
+        belief = new_belief(RADIO, (0.0, 0.0))
+        belief.n_hypotheses[0], belief.weight[:2] = 2, [0.25, 0.75]
+        belief.covariance[:2] = np.eye(belief.prior_variance.size)
+        belief.covariance[0, :2, :2], belief.covariance[1, :2, :2] = 0.5 * spread, 1.5 * spread
         root = np.linalg.cholesky(spread)
-        b.state[1, :2] = aside * root @ [0.6, 0.8]
-        prune_and_merge(b)
-        assert b.n_hypotheses[0] == alive
+        belief.state[1, :2] = distance * root @ [0.6, 0.8]
+        prune_and_merge(belief)
+        assert belief.n_hypotheses[0] == remaining
         # the heavier one comes first; together they lie at their mean
-        expected = (0.75 if alive == 1 else 1.0) * aside * root @ [0.6, 0.8]
-        np.testing.assert_allclose(b.state[0, :2], expected, rtol=1e-12)
+        expected = (0.75 if remaining == 1 else 1.0) * distance * root @ [0.6, 0.8]
+        np.testing.assert_allclose(belief.state[0, :2], expected, rtol=1e-12)
 
 
 def test_settings_of_media_are_those_of_the_documents() -> None:
@@ -222,7 +242,7 @@ def test_settings_of_media_are_those_of_the_documents() -> None:
         text.partition("| key `beacons.…` |")[2],
         flags=re.MULTILINE,
     )
-    counted = 0
+    compared = 0
     for keys, *columns in table:
         for medium, column in zip(("air", "water"), columns, strict=True):
             for key, value in zip(re.findall(r"`(\w+)`", keys), column.split(", "), strict=True):
@@ -231,15 +251,15 @@ def test_settings_of_media_are_those_of_the_documents() -> None:
                     MEDIA[medium], re.sub(r"_(m|m_s|m_sqrt_s|deg|deg_s|deg_sqrt_s)$", "", key)
                 )
                 assert actual == pytest.approx(expected), key
-                counted += 1
+                compared += 1
     # those of all navigators, and the start
-    others = {item.name for item in fields(Settings)} | {"known_start"}
-    assert counted == 2 * len({item.name for item in fields(BeaconSettings)} - others)
+    not_in_table = {item.name for item in fields(Settings)} | {"known_start"}
+    assert compared == 2 * len({item.name for item in fields(BeaconSettings)} - not_in_table)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_readings_at_the_limits_are_taken_and_those_beyond_them_refused(sign: float) -> None:
-    """50 m/s of the odometry, ranges of 100 km."""
+    """Speeds up to 50 m/s either way, ranges from 0 to 100 km."""
 
     def step(speed: float = 1.0, farthest: float = 20.0) -> None:
         message = LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.system
 
 ROOT = import_graph.ROOT
 
-CAPTURES = """
+COUNTS_MIRROR_LOCKS = """
 import numpy as np
 from experiments.campaign import lane_flight as metric
 from laisn import lanes as row
@@ -42,7 +42,7 @@ print(runs, hits)
 """
 
 
-ADDS = """
+FILLS_HISTOGRAMS = """
 import sys
 import numpy as np
 from experiments.campaign.lane_flight import fill_histograms
@@ -58,9 +58,9 @@ print(FOLDER, counts[0, 0], sum(fill_histograms.stats.cache_hits.values()))
 """
 
 
-def child(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]:
-    """A process that runs a program on the packages of a folder, with a home of its own for
-    compiled code.
+def start(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]:
+    """A process that runs a program on the packages of a folder `root`, with compiled code in
+    `cache`.
     """
     environment = os.environ | {"PYTHONPATH": str(root), "XDG_CACHE_HOME": str(cache)}
     return subprocess.Popen(
@@ -74,11 +74,11 @@ def child(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]
     )
 
 
-def captures(root: Path, cache: Path) -> tuple[int, int]:
-    """Captured runs of the packages in a folder, and how many signatures of the function came
-    from the cache.
+def mirror_locks(root: Path, cache: Path) -> tuple[int, int]:
+    """Number of lanes with a mirror lock, by the packages in a folder, and how many signatures of
+    the function came from the cache.
     """
-    process = child(CAPTURES, cache, root)
+    process = start(COUNTS_MIRROR_LOCKS, cache, root)
     out, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors
     runs, hits = out.split()
@@ -92,17 +92,17 @@ def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_
     for package in import_graph.PACKAGES:
         shutil.copytree(ROOT / package, tree / package)
     metrics = tree / "laisn" / "metrics.py"
-    whole = metrics.read_text(encoding="utf-8")
-    assert [captures(tree, cache) for _ in range(2)] == [(0, 0), (0, 1)]
+    original = metrics.read_text(encoding="utf-8")
+    assert [mirror_locks(tree, cache) for _ in range(2)] == [(0, 0), (0, 1)]
     metrics.write_text(
-        whole.replace("MIRROR_LOCK_ERROR = 5.0\n", "MIRROR_LOCK_ERROR = 0.5\n"), encoding="utf-8"
+        original.replace("MIRROR_LOCK_ERROR = 5.0\n", "MIRROR_LOCK_ERROR = 0.5\n"), encoding="utf-8"
     )
-    assert captures(tree, cache) == (64, 0)
+    assert mirror_locks(tree, cache) == (64, 0)
     # times of files do not matter
     for path in tree.rglob("*.py"):
         os.utime(path, (0, 0))
-    metrics.write_text(whole, encoding="utf-8")
-    assert captures(tree, cache) == (0, 1)
+    metrics.write_text(original, encoding="utf-8")
+    assert mirror_locks(tree, cache) == (0, 1)
 
 
 def test_no_compiled_function_may_reorder_or_fuse_operations() -> None:
@@ -123,36 +123,34 @@ def test_no_compiled_function_may_reorder_or_fuse_operations() -> None:
 def test_compiled_modules_import_only_sources_that_name_the_folder() -> None:
     """Otherwise a constant that compiled code contains could change without notice."""
     sources, imports = import_graph.modules(), import_graph.imports()
-    named = {name for name, path in sources.items() if path in compilation.reached_sources()} | {
-        "models"
-    }
+    in_folder_name = {
+        name for name, path in sources.items() if path in compilation.reached_sources()
+    } | {"models"}
     decorated = re.compile(r"^ *@(compiled|inlined|formula)", flags=re.MULTILINE)
-    compiling = {
+    with_compiled_code = {
         name for name, path in sources.items() if decorated.search(path.read_text(encoding="utf-8"))
     }
-    assert len(compiling & named) > 30
-    for name in compiling:
-        reached, new = set[str](), set(imports[name])
-        while new:
-            reached |= new
-            new = set[str]().union(*(imports[module] for module in new)) - reached
-        assert reached - named - {name} == set(), name
+    assert len(with_compiled_code & in_folder_name) > 30
+    for name in with_compiled_code:
+        reached, next_modules = set[str](), set(imports[name])
+        while next_modules:
+            reached |= next_modules
+            next_modules = set[str]().union(*(imports[module] for module in next_modules)) - reached
+        assert reached - in_folder_name - {name} == set(), name
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    actual = compilation.find_folder()
-    assert actual is not None
-    assert actual.parent == tmp_path / "laisn-sim" / "compiled"
-    monkeypatch.setattr(compilation, "FOLDER", actual)
-    return actual
+    found_folder = compilation.find_folder()
+    assert found_folder is not None
+    assert found_folder.parent == tmp_path / "laisn-sim" / "compiled"
+    monkeypatch.setattr(compilation, "FOLDER", found_folder)
+    return found_folder
 
 
-def added() -> int:
-    """Compile a function, or take its code from the cache, and see that it is right; hits of the
-    cache.
-    """
+def cache_hits() -> int:
+    """Hits of the cache when a function is compiled; its result must be right."""
     function = compiled(lane_flight.fill_histograms.py_func)
     counts = np.zeros((2, 2), dtype=np.int64)
     function(np.repeat([0, 1], LANES), counts, 3)
@@ -160,14 +158,14 @@ def added() -> int:
     return sum(function.stats.cache_hits.values())
 
 
-def files(folder: Path) -> list[Path]:
+def stored_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*.nb?") if path.is_file())
 
 
 def test_code_is_stored_in_a_private_folder(folder: Path) -> None:
-    assert [added(), added()] == [0, 1]
+    assert [cache_hits(), cache_hits()] == [0, 1]
     assert folder.parent.stat().st_mode & 0o777 == 0o700
-    assert {path.suffix for path in files(folder)} == {".nbi", ".nbc"}
+    assert {path.suffix for path in stored_files(folder)} == {".nbi", ".nbc"}
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o770, 0o722, 0o755])
@@ -178,8 +176,8 @@ def test_a_folder_that_others_can_enter_is_not_used(
     with pytest.warns(compilation.UnstoredCode, match="only this user can enter"):
         assert compilation.find_folder() is None
     monkeypatch.setattr(compilation, "FOLDER", None)
-    assert [added(), added()] == [0, 0]
-    assert files(folder) == []
+    assert [cache_hits(), cache_hits()] == [0, 0]
+    assert stored_files(folder) == []
 
 
 def test_a_folder_of_another_user_is_not_used(
@@ -191,20 +189,20 @@ def test_a_folder_of_another_user_is_not_used(
 
 
 def test_a_link_or_a_file_in_the_folder_s_place_is_not_used(folder: Path) -> None:
-    place, elsewhere = folder.parent, folder.parents[1] / "elsewhere"
-    place.rename(elsewhere)
-    place.symlink_to(elsewhere)
-    with pytest.warns(compilation.UnstoredCode, match=str(place)):
+    cache, link_target = folder.parent, folder.parents[1] / "elsewhere"
+    cache.rename(link_target)
+    cache.symlink_to(link_target)
+    with pytest.warns(compilation.UnstoredCode, match=str(cache)):
         assert compilation.find_folder() is None
-    place.unlink()
-    place.write_text("no folder")
+    cache.unlink()
+    cache.write_text("no folder")
     with pytest.warns(compilation.UnstoredCode, match="File exists"):
         assert compilation.find_folder() is None
 
 
 @pytest.mark.parametrize("home", ["/dev/null", "/proc/none"])
 def test_a_home_that_cannot_be_used_costs_nothing_but_time(tmp_path: Path, home: str) -> None:
-    assert captures(ROOT, Path(home)) == (0, 0)
+    assert mirror_locks(ROOT, Path(home)) == (0, 0)
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x80\x04", b"cos\nsystem\n"])
@@ -212,78 +210,92 @@ def test_a_home_that_cannot_be_used_costs_nothing_but_time(tmp_path: Path, home:
 def test_damaged_code_is_removed_by_the_command_and_compiled_again(
     folder: Path, damage: bytes, suffix: str
 ) -> None:
-    added()
-    [kept] = folder.rglob(f"*{suffix}")
-    kept.write_bytes(damage)
+    cache_hits()
+    [stored_file] = folder.rglob(f"*{suffix}")
+    stored_file.write_bytes(damage)
     with pytest.raises(typer.Exit), report_errors():
-        added()
-    assert [added(), added()] == [0, 1]
+        cache_hits()
+    assert [cache_hits(), cache_hits()] == [0, 1]
 
 
 def test_other_errors_leave_compiled_code_alone(folder: Path) -> None:
-    added()
+    cache_hits()
     with pytest.raises(numba.errors.TypingError) as caught:
         compiled(lane_flight.fill_histograms.py_func)("text", "text", "text")
     assert not compilation.remove_if_damaged(caught.value)
-    assert added() == 1
+    assert cache_hits() == 1
 
 
 def test_code_of_versions_that_were_not_used_for_a_week_is_removed(folder: Path) -> None:
-    present, now = folder, time.time()
+    current_version, now = folder, time.time()
     for days in (6, 8, 100):
-        other = present.with_name(f"{days:016x}")
-        other.mkdir()
-        os.utime(other, (now - 86_400 * days,) * 2)
+        old_version = current_version.with_name(f"{days:016x}")
+        old_version.mkdir()
+        os.utime(old_version, (now - 86_400 * days,) * 2)
     # the fixture's folder is in use by this process
-    os.utime(present, (0, 0))
+    os.utime(current_version, (0, 0))
     assert compilation.find_folder() is not None
-    assert set(present.parent.iterdir()) == {present, present.with_name(f"{6:016x}")}
+    assert set(current_version.parent.iterdir()) == {
+        current_version,
+        current_version.with_name(f"{6:016x}"),
+    }
 
 
 def test_two_processes_that_compile_at_once_lose_no_code_of_each_other(tmp_path: Path) -> None:
     """Both begin with an empty index of the function, and each stores its first signature."""
-    pair = [child(ADDS.format(kind=kind, wait=True), tmp_path) for kind in ("float", "complex")]
-    places = {process.stdout.readline().split()[0] for process in pair if process.stdout}
-    for process in pair:
+    processes = [
+        start(FILLS_HISTOGRAMS.format(kind=kind, wait=True), tmp_path)
+        for kind in ("float", "complex")
+    ]
+    folders = {process.stdout.readline().split()[0] for process in processes if process.stdout}
+    for process in processes:
         assert process.stdin
         process.stdin.write("\n")
         process.stdin.flush()
-    for process in pair:
+    for process in processes:
         process.communicate(timeout=120)
         assert process.returncode == 0
-    (place,) = places
+    (folder,) = folders
     results = []
     for kind in ("float", "complex"):
-        out, errors = child(ADDS.format(kind=kind, wait=False), tmp_path).communicate(timeout=120)
+        out, errors = start(FILLS_HISTOGRAMS.format(kind=kind, wait=False), tmp_path).communicate(
+            timeout=120
+        )
         assert not errors
         results.append(out.split())
-    assert results == [[place, "4.0", "1"], [place, "(4+0j)", "1"]]
-    # nothing grows with the number of processes
-    assert [path.name for path in Path(place).parent.iterdir()] == [Path(place).name]
-    assert len(files(Path(place))) == 3
+    assert results == [[folder, "4.0", "1"], [folder, "(4+0j)", "1"]]
+    # one folder for both processes, with an index and the code of two signatures
+    assert [path.name for path in Path(folder).parent.iterdir()] == [Path(folder).name]
+    assert len(stored_files(Path(folder))) == 3
 
 
-def test_nothing_grows_with_the_number_of_processes(tmp_path: Path) -> None:
+def test_the_number_of_stored_files_does_not_grow_with_the_number_of_processes(
+    tmp_path: Path,
+) -> None:
     """Eight processes begin with an empty cache, and compile the same function at once; then two
     load it.
     """
-    crowd = [child(ADDS.format(kind="float", wait=True), tmp_path) for _ in range(8)]
-    places = {process.stdout.readline().split()[0] for process in crowd if process.stdout}
-    (place,) = map(Path, places)
-    for process in crowd:
+    processes = [
+        start(FILLS_HISTOGRAMS.format(kind="float", wait=True), tmp_path) for _ in range(8)
+    ]
+    folders = {process.stdout.readline().split()[0] for process in processes if process.stdout}
+    (folder,) = map(Path, folders)
+    for process in processes:
         assert process.stdin
         process.stdin.write("\n")
         process.stdin.flush()
-    for process in crowd:
+    for process in processes:
         out, errors = process.communicate(timeout=240)
         assert not errors
         assert out.split()[1] == "4.0"
-    assert [path.suffix for path in sorted(files(place))] == [".nbc", ".nbi"]
-    assert [path.name for path in place.parent.iterdir()] == [place.name]
+    assert [path.suffix for path in sorted(stored_files(folder))] == [".nbc", ".nbi"]
+    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     for _ in range(2):
-        out, _ = child(ADDS.format(kind="float", wait=False), tmp_path).communicate(timeout=120)
-        assert out.split() == [str(place), "4.0", "1"]
-    assert len(files(place)) == 2
+        out, _ = start(FILLS_HISTOGRAMS.format(kind="float", wait=False), tmp_path).communicate(
+            timeout=120
+        )
+        assert out.split() == [str(folder), "4.0", "1"]
+    assert len(stored_files(folder)) == 2
 
 
 def test_an_index_that_another_process_has_written_meanwhile_keeps_its_entry(
@@ -329,7 +341,7 @@ def total(pair):
 total._cache = compilation._Cache(simulation.static_trajectory)
 print(total({argument}), sum(total.stats.cache_hits.values()))
 """
-MINE = """
+CUSTOM_TYPE = """
 from typing import NamedTuple
 from laisn.compiled import jitable
 from weights import WEIGHT
@@ -344,36 +356,40 @@ class Mine(NamedTuple):
 """
 
 
-def test_types_of_the_user_s_are_stored_beside_and_never_with_old_methods(tmp_path: Path) -> None:
-    """A process that cannot import the class reads the index of the same function."""
+def test_code_of_custom_types_is_stored_apart_and_never_used_with_old_methods(
+    tmp_path: Path,
+) -> None:
+    """Processes without the class read the index of the same function, which must not name it."""
     sources = tmp_path / "sources"
     sources.mkdir()
     cache = tmp_path / "cache"
-    path = f"sys.dont_write_bytecode = True; sys.path.append({str(sources)!r}); import mine"
-    mine = CUSTOM.format(imports=path, argument="mine.Mine(1.0, 2.0)")
-    other = CUSTOM.format(imports="", argument="(1.0, 2.0)").replace("pair.total()", "pair[0]")
-    notebook = CUSTOM.format(imports="", argument="Pair(1.0, 2.0)")
+    import_mine = f"sys.dont_write_bytecode = True; sys.path.append({str(sources)!r}); import mine"
+    with_own_type = CUSTOM.format(imports=import_mine, argument="mine.Mine(1.0, 2.0)")
+    with_tuple = CUSTOM.format(imports="", argument="(1.0, 2.0)").replace("pair.total()", "pair[0]")
+    with_type_of_main = CUSTOM.format(imports="", argument="Pair(1.0, 2.0)")
 
     def run(program: str) -> list[str]:
-        out, errors = child(program, cache).communicate(timeout=120)
+        out, errors = start(program, cache).communicate(timeout=120)
         assert not errors
         return out.split()
 
     def write(weight: float, sign: str) -> None:
         (sources / "weights.py").write_text(f"WEIGHT = {weight}\n")
-        (sources / "mine.py").write_text(MINE.replace("+", sign))
+        (sources / "mine.py").write_text(CUSTOM_TYPE.replace("+", sign))
 
     write(1.0, "+")
-    assert [run(mine), run(mine)] == [["3.0", "0"], ["3.0", "1"]]
-    assert [run(other), run(other)] == [["1.0", "0"], ["1.0", "1"]]
-    assert [run(notebook), run(notebook)] == [["3.0", "0"], ["3.0", "0"]]
+    assert [run(with_own_type), run(with_own_type)] == [["3.0", "0"], ["3.0", "1"]]
+    assert [run(with_tuple), run(with_tuple)] == [["1.0", "0"], ["1.0", "1"]]
+    assert [run(with_type_of_main), run(with_type_of_main)] == [["3.0", "0"], ["3.0", "0"]]
     write(2.0, "+")
-    assert [run(mine), run(mine)] == [["5.0", "0"], ["5.0", "1"]]
+    assert [run(with_own_type), run(with_own_type)] == [["5.0", "0"], ["5.0", "1"]]
     write(2.0, "-")
-    assert run(mine) == ["-3.0", "0"]
+    assert run(with_own_type) == ["-3.0", "0"]
     write(1.0, "+")
-    assert run(mine) == ["3.0", "1"]
-    (index,) = [path for path in cache.rglob("*.nbi") if "-" not in path.parts[-3]]
+    assert run(with_own_type) == ["3.0", "1"]
+    (index,) = [
+        import_mine for import_mine in cache.rglob("*.nbi") if "-" not in import_mine.parts[-3]
+    ]
     assert b"mine" not in index.read_bytes()
 
 
@@ -385,8 +401,8 @@ def test_a_folder_without_room_is_named_and_costs_nothing_but_time(
 
     monkeypatch.setattr(compilation._Files, "save", full)
     with pytest.warns(compilation.UnstoredCode, match=f"{folder}.*No space left.*make room there"):
-        assert added() == 0
-    assert files(folder) == []
+        assert cache_hits() == 0
+    assert stored_files(folder) == []
 
 
 def _adding(number: float) -> object:
@@ -404,7 +420,7 @@ def test_closures_and_functions_of_other_projects_are_not_stored(
     monkeypatch.setattr(sys.modules[__name__], "__name__", "laisn.test")
     assert _adding(1.0)(2.0) == 3.0
     assert _adding(2.0)(2.0) == 4.0
-    assert files(folder) == []
+    assert stored_files(folder) == []
 
 
 def _doubled(x: float) -> float:
@@ -427,13 +443,13 @@ print(angles[0, 0], sum(attitude._angles.stats.cache_misses.values()))
 
 
 def test_ctrl_c_while_code_is_compiled_ends_a_process_and_spoils_nothing(tmp_path: Path) -> None:
-    interrupted = child(INTERRUPTED.replace("INTERRUPT", "True"), tmp_path)
+    interrupted = start(INTERRUPTED.replace("INTERRUPT", "True"), tmp_path)
     _, errors = interrupted.communicate(timeout=120)
     assert interrupted.returncode == -signal.SIGINT, errors
     compiled_now = []
     for _ in range(2):
         angle, functions = (
-            child(INTERRUPTED.replace("INTERRUPT", "False"), tmp_path)
+            start(INTERRUPTED.replace("INTERRUPT", "False"), tmp_path)
             .communicate(timeout=120)[0]
             .split()
         )
@@ -470,13 +486,13 @@ print(next(FunctionIdentity._unique_ids))
 
 def test_functions_of_a_factory_have_other_symbols_in_each_process(tmp_path: Path) -> None:
     """Else the code of two processes, loaded by a third, takes one of them for another."""
-    processes = [child(SYMBOLS, tmp_path) for _ in range(2)]
+    processes = [start(SYMBOLS, tmp_path) for _ in range(2)]
     symbols = [process.communicate()[0].split() for process in processes]
     assert [len(names) for names in symbols] == [2, 2]
     assert len({*symbols[0], *symbols[1]}) == 4
 
 
 def test_a_process_that_is_forked_numbers_functions_anew(tmp_path: Path) -> None:
-    first, forked, second = map(int, child(FORKED, tmp_path).communicate()[0].split())
+    first, forked, second = map(int, start(FORKED, tmp_path).communicate()[0].split())
     assert second == first + 1
     assert abs(forked - first) > 1000

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from laisn import navigator as acceleration
+from laisn import navigator
 from laisn.compiled import compiled
 from laisn.fix import Circle, Fix, Pair, laisn_3_2, laisn_best, laisn_main, pair_fix
 from laisn.geometry import Point, SinCos
@@ -44,8 +44,8 @@ def test_python_and_compiled_code_compute_the_same_bits(
         Pair(circles[2], circles[1], True),
     )
     pairs = tuple(pair_fix(pair, heading, predicted, t) for pair in chosen)
-    same = tuple(_pair_fix(pair, heading, predicted, t) for pair in chosen)
-    np.testing.assert_array_equal(pairs, same)
+    compiled_pairs = tuple(_pair_fix(pair, heading, predicted, t) for pair in chosen)
+    np.testing.assert_array_equal(pairs, compiled_pairs)
     expected = (
         laisn_3_2(pairs, predicted),
         laisn_best(pairs, predicted),
@@ -55,17 +55,15 @@ def test_python_and_compiled_code_compute_the_same_bits(
 
 
 def test_a_formula_is_a_function_to_its_reader() -> None:
-    assert acceleration.turn_share.__name__ == "turn_share"
-    assert acceleration.turn_share.__doc__
+    assert navigator.turn_share.__name__ == "turn_share"
+    assert navigator.turn_share.__doc__
 
 
-def test_shares_of_manoeuvres() -> None:
-    """A quarter turn is half of the half turn that is the most; 0.6 m/s is a fifth of 3 m/s;
-    nothing before is none.
-    """
-    assert acceleration.turn_share(0.1, 0.1 - 0.5 * np.pi) == pytest.approx(0.5)
-    assert acceleration.turn_share(np.pi - 0.1, 0.1 - np.pi) == pytest.approx(0.2 / np.pi)
-    assert acceleration.speed_share(1.6, 1.0, 3.0) == pytest.approx(0.2)
-    assert acceleration.turn_share(np.nan, 1.0) == acceleration.speed_share(np.nan, 1.0, 3.0) == 0.0
+def test_manoeuvres_are_shares_of_a_half_turn_and_of_the_top_speed() -> None:
+    """A quarter turn is ½ of a half turn; 0.6 m/s is ⅕ of 3 m/s; a first reading is 0."""
+    assert navigator.turn_share(0.1, 0.1 - 0.5 * np.pi) == pytest.approx(0.5)
+    assert navigator.turn_share(np.pi - 0.1, 0.1 - np.pi) == pytest.approx(0.2 / np.pi)
+    assert navigator.speed_share(1.6, 1.0, 3.0) == pytest.approx(0.2)
+    assert navigator.turn_share(np.nan, 1.0) == navigator.speed_share(np.nan, 1.0, 3.0) == 0.0
     t = Tuning.of(NavigationSettings(alpha=8.0, sigma_a0=60.0))
-    assert acceleration.expected_acceleration(0.2, 0.5, t) == pytest.approx(65.6)
+    assert navigator.expected_acceleration(0.2, 0.5, t) == pytest.approx(65.6)

@@ -1,5 +1,5 @@
-"""What a plugin reaches is read anew, so that no result of other code is shown or stored; its
-faults are told as the user's own.
+"""All files that a plugin imports or reads are read anew, so that no result of other code is shown
+or stored; its faults are reported as errors of the user's code.
 """
 
 import os
@@ -43,7 +43,7 @@ class Nav:
 """
 SETTINGS = {"duration_s": 2.0, "motion": "kinematic", "navigation.variant": "mynav:Nav"}
 OPTIONS = [word for key, value in SETTINGS.items() for word in ("--set", f"{key}={value}")]
-HELPED = {"imports": "from helper import GAIN", "further": "state[:, 0] += GAIN"}
+ADDS_GAIN = {"imports": "from helper import GAIN", "further": "state[:, 0] += GAIN"}
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_plugins: None) ->
 
 
 def write(*, imports: str = "", further: str = "pass") -> None:
-    """Write a navigator that stays where it starts."""
+    """Write a navigator that stays at its start, with further imports and statements of `run`."""
     Path("mynav.py").write_text(NAVIGATOR.format(imports=imports, further=further))
 
 
@@ -80,8 +80,10 @@ def east_error(gain: float, workers: int) -> float:
 
 @pytest.mark.usefixtures("folder")
 def test_a_study_shows_the_results_of_a_helper_as_it_is_now() -> None:
-    """Also within a second and of the same size, which bytecode does not tell apart, and back."""
-    write(**HELPED)
+    """Also when the helper is edited within a second to a file of the same size, which a check of
+    bytecode by time and size does not notice, and when it is edited back.
+    """
+    write(**ADDS_GAIN)
     errors = [east_error(gain, workers=1) for gain in (5e3, 7e3, 5e3)]
     # the follower is within metres of its start
     assert errors == pytest.approx([5e3, 7e3, 5e3], abs=5.0)
@@ -101,8 +103,8 @@ if not os.path.exists("changed"):
 
 @pytest.mark.usefixtures("folder")
 def test_an_edit_while_a_study_runs_ends_it() -> None:
-    """What the old code computes is not stored under the key of the new one, nor the reverse."""
-    write(imports=HELPED["imports"], further=CHANGES.strip().replace("\n", "\n        "))
+    """No result of the old code is stored under the key of the new code, nor the reverse."""
+    write(imports=ADDS_GAIN["imports"], further=CHANGES.strip().replace("\n", "\n        "))
     Path("helper.py").write_text("GAIN = 5000.0\n")
     options = ["--vary", "followers.0.depth_m=10,11,12", "--runs", "1", "--workers", "1"]
     result = command("study", "T5", *OPTIONS, *options)
@@ -113,7 +115,7 @@ def test_an_edit_while_a_study_runs_ends_it() -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_loading_after_an_edit_gives_the_new_module() -> None:
-    write(**HELPED)
+    write(**ADDS_GAIN)
     Path("helper.py").write_text("GAIN = 5.0\n")
     first = laisn_sim.load_plugin("mynav.py")
     assert laisn_sim.load_plugin("mynav.py") is first
@@ -157,14 +159,14 @@ def test_the_sources_of_a_plugin_are_all_files_of_the_user_s_that_it_reaches(fol
 
 @pytest.mark.usefixtures("folder")
 def test_the_key_of_a_result_holds_what_a_plugin_imports() -> None:
-    write(**HELPED)
+    write(**ADDS_GAIN)
     Path("helper.py").write_text("GAIN = 5.0\n")
     laisn_sim.load_plugin("mynav.py")
     scenario = laisn_sim.load("T5", SETTINGS)
     first = key_of(scenario)
     Path("helper.py").write_text("GAIN = 7.0\n")
     second = key_of(scenario)
-    # and what is flown is what the key says
+    # the module in memory is the one that the key describes
     assert sys.modules["helper"].GAIN == 7.0
     Path("helper.py").write_text("GAIN = 5.0\n")
     os.utime("helper.py", (0, 0))
@@ -198,17 +200,17 @@ def test_a_fault_of_a_plugin_names_file_line_and_calls(
     assert result.exit_code == 2, result.output
     assert "bug" not in result.output
     lines = [line.strip() for line in result.stderr.splitlines()]
-    begin = next(i for i, line in enumerate(lines) if line.startswith("laisn: plugin"))
+    first_line = next(i for i, line in enumerate(lines) if line.startswith("laisn: plugin"))
     file = Path("mynav.py").resolve()
-    assert lines[begin].startswith(f"laisn: plugin {file}: {expected}")
+    assert lines[first_line].startswith(f"laisn: plugin {file}: {expected}")
     source = file.read_text().splitlines()
-    number = source.index(f"    {fault}") + 1
-    assert f'File "{file}", line {number}, in deeper' in lines
-    assert lines[lines.index(f'File "{file}", line {number}, in deeper') + 1] == fault
+    line_number = source.index(f"    {fault}") + 1
+    assert f'File "{file}", line {line_number}, in deeper' in lines
+    assert lines[lines.index(f'File "{file}", line {line_number}, in deeper') + 1] == fault
     assert any(line.endswith("in run") for line in lines)
 
 
-def die(_: object, **__: object) -> None:
+def end_the_process(_: object, **__: object) -> None:
     os._exit(1)
 
 
@@ -218,7 +220,7 @@ def die(_: object, **__: object) -> None:
 def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(
     workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign, "compile_ahead", die)
+    monkeypatch.setattr(campaign, "compile_ahead", end_the_process)
     write(further="1 / 0")
     arguments = ["study", "T5", *OPTIONS, "--vary", "followers.0.depth_m=10,11"]
     result = command(*arguments, "--runs", "1", "--workers", str(workers))
@@ -239,7 +241,9 @@ def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(
     ],
 )
 @pytest.mark.parametrize("study", [False, True])
-def test_what_no_estimate_can_be_names_the_class(further: str, expected: str, study: bool) -> None:
+def test_an_estimate_of_a_wrong_shape_type_or_value_names_the_class(
+    further: str, expected: str, study: bool
+) -> None:
     write(imports="", further=f"state[:, 0] = 0.0\n        {further}")
     arguments = ["fly", "T5", *OPTIONS, "--no-video"]
     if study:
@@ -265,7 +269,7 @@ def test_what_no_estimate_can_be_names_the_class(further: str, expected: str, st
         ),
     ],
 )
-def test_a_class_that_takes_other_arguments_is_told_as_the_user_s(text: str, expected: str) -> None:
+def test_a_class_with_other_arguments_or_state_is_named(text: str, expected: str) -> None:
     Path("mynav.py").write_text(text)
     result = command("fly", "T5", *OPTIONS, "--no-video")
     assert (result.exit_code, expected in result.output) == (2, True), result.output
@@ -292,7 +296,7 @@ def test_a_plugin_that_ends_the_program_is_named() -> None:
     ],
 )
 @pytest.mark.parametrize("at_import", [True, False])
-def test_an_odd_exception_is_told_as_the_user_s(
+def test_an_exception_without_text_or_of_an_odd_base_names_the_plugin(
     fault: str, expected: str, *, at_import: bool
 ) -> None:
     text = f"class Nav:\n    run = print\n    def __init__(self, settings, start):\n        {fault}"
@@ -338,14 +342,16 @@ class Sensor:
 )
 def test_a_sensor_that_reads_something_else_is_named(value: str, expected: str) -> None:
     Path("mynav.py").write_text(SENSOR.format(value=value))
-    own = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
-    result = command("fly", "T5", *OPTIONS, "--set", "navigation.variant=ekf", *own, "--no-video")
+    sensor_option = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
+    result = command(
+        "fly", "T5", *OPTIONS, "--set", "navigation.variant=ekf", *sensor_option, "--no-video"
+    )
     assert (result.exit_code, expected in result.output) == (2, True), result.output
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_sensor_that_lacks_a_part_is_refused_before_the_flight() -> None:
+def test_a_sensor_that_lacks_an_attribute_is_refused_before_the_flight() -> None:
     Path("mynav.py").write_text(SENSOR.format(value="0").replace("stream = 20", ""))
-    own = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
-    result = command("check", "T5", *own)
+    sensor_option = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
+    result = command("check", "T5", *sensor_option)
     assert (result.exit_code, "mynav:Sensor has no stream" in result.output) == (2, True)

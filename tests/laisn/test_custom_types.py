@@ -1,4 +1,4 @@
-"""Names for what stands in classes of the user's own, under which compiled code is stored."""
+"""Names of users' classes, under which compiled code is stored: they depend on all the source."""
 
 # mypy: allow-untyped-calls
 
@@ -13,7 +13,7 @@ import pytest
 
 from laisn.custom_types import name_of_custom
 
-MINE = """
+SOURCE = """
 import math
 from typing import NamedTuple
 
@@ -33,7 +33,7 @@ class Mine(NamedTuple):
     def value(self, scale=1.0):
         return gain(self.a) * scale + OFFSET + TABLE[0] + math.pi
 """
-HELPER = """
+HELPER_SOURCE = """
 FACTOR = 2.0
 
 
@@ -47,8 +47,8 @@ class Project:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.write("mine.py", MINE)
-        self.write("helper.py", HELPER)
+        self.write("mine.py", SOURCE)
+        self.write("helper.py", HELPER_SOURCE)
 
     def write(self, name: str, text: str) -> None:
         (self.folder / name).write_text(text, encoding="utf-8")
@@ -93,7 +93,7 @@ def test_an_edit_gives_another_name_and_its_undoing_the_first(
     project: Project, file: str, before: str, after: str
 ) -> None:
     first = project.name()
-    text = {"mine.py": MINE, "helper.py": HELPER}[file]
+    text = {"mine.py": SOURCE, "helper.py": HELPER_SOURCE}[file]
     assert before in text
     project.write(file, text.replace(before, after))
     assert project.name() not in (first, None)
@@ -101,22 +101,22 @@ def test_an_edit_gives_another_name_and_its_undoing_the_first(
     assert project.name() == first
 
 
-def test_what_is_in_memory_counts_and_not_only_the_file(project: Project) -> None:
+def test_a_name_depends_on_the_class_in_memory_and_not_only_on_its_file(project: Project) -> None:
     """An edit that is not imported yet, and constants that are changed from outside."""
     module = project.imported()
     signature = numba.typeof(module.Mine(1.0))
     first = name_of_custom(signature)
-    project.write("helper.py", HELPER.replace("FACTOR = 2.0", "FACTOR = 3.0"))
-    # the old class beside the new file
+    project.write("helper.py", HELPER_SOURCE.replace("FACTOR = 2.0", "FACTOR = 3.0"))
+    # the old class is in memory while the file is new already
     stale = name_of_custom(signature)
     assert stale != project.name()
-    project.write("helper.py", HELPER)
+    project.write("helper.py", HELPER_SOURCE)
     module = project.imported()
     module.OFFSET = 7.0  # type: ignore[attr-defined]
     assert name_of_custom(numba.typeof(module.Mine(1.0))) not in (first, None)
 
 
-def test_what_no_other_process_can_import_has_no_name(project: Project) -> None:
+def test_a_class_that_no_other_process_can_import_has_no_name(project: Project) -> None:
     class Local(NamedTuple):
         a: float
 
@@ -130,7 +130,7 @@ def test_what_no_other_process_can_import_has_no_name(project: Project) -> None:
 def test_a_constant_that_cannot_be_described_leaves_a_class_without_a_name(
     project: Project,
 ) -> None:
-    project.write("mine.py", MINE.replace("OFFSET = 0.5", "OFFSET = object()"))
+    project.write("mine.py", SOURCE.replace("OFFSET = 0.5", "OFFSET = object()"))
     assert project.name() is None
 
 
@@ -141,7 +141,7 @@ def test_signatures_of_the_project_alone_have_an_empty_name() -> None:
 def test_classes_of_one_name_in_two_files_have_different_names(project: Project) -> None:
     """Also with the same text, as the modules differ."""
     first = project.name()
-    project.write("other.py", MINE)
+    project.write("other.py", SOURCE)
     try:
         other = importlib.import_module("other")
         assert name_of_custom((numba.typeof(other.Mine(1.0)), numba.int64)) not in (first, None)
@@ -166,8 +166,8 @@ def test_a_class_of_a_notebooks_cell_or_a_script_has_no_name(
 
 
 def test_a_class_of_a_module_without_a_file_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = ModuleType("made")
-    monkeypatch.setitem(sys.modules, "made", made)
+    module = ModuleType("made")
+    monkeypatch.setitem(sys.modules, "made", module)
     text = "from typing import NamedTuple\nclass Made(NamedTuple):\n    a: float\n"
-    exec(compile(text, "<string>", "exec"), vars(made))
-    assert name_of_custom(numba.typeof(vars(made)["Made"](1.0))) is None
+    exec(compile(text, "<string>", "exec"), vars(module))
+    assert name_of_custom(numba.typeof(vars(module)["Made"](1.0))) is None

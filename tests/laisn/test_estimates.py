@@ -1,4 +1,4 @@
-"""Records of a mission: what was measured in which step, parts of it, and what is refused."""
+"""Records of missions, estimates and measurements: their parts, their steps, and refused arrays."""
 
 from dataclasses import fields
 from typing import Any
@@ -12,16 +12,16 @@ from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges
 
 def estimates(n: int = 6, fixes: tuple[int, ...] = (1, 3, 3, 5, 6)) -> Estimates:
     """A record whose numbers identify their step or fix."""
-    f = np.arange(1.0, len(fixes) + 1)
+    number = np.arange(1.0, len(fixes) + 1)
     return Estimates(
         state=np.arange(1.0, n + 1)[:, None] * [1.0, 10.0, 100.0, 1000.0],
         covariance=np.arange(1.0, n + 1)[:, None, None] * np.eye(4),
         fix_step=np.array(fixes),
-        fix_position=f[:, None] * [1.0, 2.0],
-        fix_sigma=f,
-        fix_kind=f.astype(int) % 3,
-        innovation=f[:, None] * [3.0, 4.0],
-        innovation_covariance=f[:, None, None] * np.eye(2),
+        fix_position=number[:, None] * [1.0, 2.0],
+        fix_sigma=number,
+        fix_kind=number.astype(int) % 3,
+        innovation=number[:, None] * [3.0, 4.0],
+        innovation_covariance=number[:, None, None] * np.eye(2),
     )
 
 
@@ -70,7 +70,7 @@ def test_kinds_keep_the_numbers_that_logs_have() -> None:
 
 def measured(**changes: Any) -> Measurements:
     """Five steps with messages in the second and the fifth."""
-    given: dict[str, Any] = {
+    arguments: dict[str, Any] = {
         "dt": 0.5,
         "speed": np.arange(1.0, 6.0),
         "heading": np.arange(5.0) / 10,
@@ -79,7 +79,7 @@ def measured(**changes: Any) -> Measurements:
         "message": np.arange(20.0).reshape(2, 10),
         "ranges": np.array([[20.0, 21.0, np.nan], [30.0, 31.0, 32.0]]),
     }
-    return Measurements(**{**given, **changes})
+    return Measurements(**{**arguments, **changes})
 
 
 def test_steps_are_handed_out_with_the_messages_that_arrive_in_them() -> None:

@@ -1,5 +1,5 @@
-"""docs/extending.md, followed to the letter: a new variant in a copy of the packages flies,
-replays, runs campaigns.
+"""docs/extending.md, followed to the letter in a copy of the packages: a new variant flies, replays
+and runs campaigns, and a new law of drag acts.
 """
 
 import json
@@ -55,32 +55,32 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert set(blocks) == {"laisn/fix.py", "laisn/settings.py", "sim/vehicle/hydrodynamics.py"}
     drag = root / "sim" / "vehicle" / "hydrodynamics.py"
-    text, actual = re.subn(
+    text, n_replaced = re.subn(
         r"^@compiled\ndef damping\(.*?\n\n\n",
         lambda _: f"{blocks['sim/vehicle/hydrodynamics.py']}\n\n",
         drag.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
-    assert actual == 1
+    assert n_replaced == 1
     drag.write_text(text, encoding="utf-8")
     variants, settings = root / "laisn" / "fix.py", root / "laisn" / "settings.py"
-    text, table, entry = (
+    text, table_head, entry = (
         variants.read_text(encoding="utf-8"),
         "CHOOSE_PAIR: dict[",
         '"laisn-closest": laisn_closest,',
     )
-    assert text.count(table) == 1
+    assert text.count(table_head) == 1
     assert f"`{entry}`" in page
-    head, tail = text.split(table)
+    head, tail = text.split(table_head)
     tail = tail.replace("= {\n", f"= {{\n    {entry}\n", 1)
-    variants.write_text(f"{head}{blocks['laisn/fix.py']}\n\n{table}{tail}", encoding="utf-8")
+    variants.write_text(f"{head}{blocks['laisn/fix.py']}\n\n{table_head}{tail}", encoding="utf-8")
     text, line = settings.read_text(encoding="utf-8"), blocks["laisn/settings.py"].strip()
     assert line.count("\n") == 0
-    old = re.findall(r"^Variant = .*$", text, flags=re.MULTILINE)
-    assert len(old) == 1
+    variant_lines = re.findall(r"^Variant = .*$", text, flags=re.MULTILINE)
+    assert len(variant_lines) == 1
     # the page's line is the one that stands there, with one more name
-    assert line.replace(', "laisn-closest"', "") == old[0]
-    settings.write_text(text.replace(old[0], line), encoding="utf-8")
+    assert line.replace(', "laisn-closest"', "") == variant_lines[0]
+    settings.write_text(text.replace(variant_lines[0], line), encoding="utf-8")
     return root
 
 

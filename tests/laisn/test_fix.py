@@ -23,23 +23,25 @@ from laisn.geometry import Point, sin_cos_of
 from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.settings import VARIANTS, NavigationSettings, Tuning
 
-P = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
+TRANSMITTERS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 EAST = np.pi / 2
 SETTINGS = NavigationSettings()
 PREDICTED = NavigationSettings(side_rule="predicted")
 
 
-def arrived(*radius: float) -> RangeCircles:
+def circles_of(*radius: float) -> RangeCircles:
     return RangeCircles(
-        Circles(*(Circle(Point(*p), r) for p, r in zip(P.tolist(), radius, strict=True))),
+        Circles(
+            *(Circle(Point(*p), r) for p, r in zip(TRANSMITTERS.tolist(), radius, strict=True))
+        ),
         sin_cos_of(EAST),
         0.0,
     )
 
 
-def exact(x: float, y: float) -> RangeCircles:
+def error_free(x: float, y: float) -> RangeCircles:
     """Error-free ranges from (x, y)."""
-    return arrived(*np.hypot(*(P - [x, y]).T).tolist())
+    return circles_of(*np.hypot(*(TRANSMITTERS - [x, y]).T).tolist())
 
 
 def pair_fixes(
@@ -52,7 +54,7 @@ def pair_fixes(
     return a, b, c
 
 
-def found_by(
+def fix_of(
     variant: str,
     circles: RangeCircles,
     predicted: tuple[float, float],
@@ -62,76 +64,81 @@ def found_by(
     return CHOOSE_PAIR[variant](pair_fixes(circles, predicted, settings), Point(*predicted))  # type: ignore[index]
 
 
-def place(fix: Fix) -> tuple[float, float]:
+def position_of(fix: Fix) -> tuple[float, float]:
     return fix.east, fix.north
 
 
 @given(x=st.floats(-90, 90), y=st.floats(1.0, 90), port=st.booleans())
 @pytest.mark.parametrize("variant", CHOOSE_PAIR)
-def test_error_free_ranges_give_the_true_place(
+def test_error_free_ranges_give_the_true_position(
     variant: str, x: float, y: float, port: bool
 ) -> None:
     """From 1 m off the axes all pairs are clear (T = 0.1 m) unless the follower is on the axis
     of a small pair.
     """
     y = y if port else -y
-    clear = all(pair.kind == FixKind.TWO_POINTS for pair in pair_fixes(exact(x, y), (x, y)))
-    if variant in ("laisn-2", "laisn-main") or clear:
-        actual = found_by(variant, exact(x, y), (x, y))
+    all_clear = all(
+        pair.kind == FixKind.TWO_POINTS for pair in pair_fixes(error_free(x, y), (x, y))
+    )
+    if variant in ("laisn-2", "laisn-main") or all_clear:
+        actual = fix_of(variant, error_free(x, y), (x, y))
         # conditioning: rounding of D² ~ 1e-12 m² over the half-chord of a small pair, a decimetre
         # at least
-        np.testing.assert_allclose(place(actual), (x, y), atol=1e-7)
+        np.testing.assert_allclose(position_of(actual), (x, y), atol=1e-7)
         assert actual.kind == (FixKind.FUSED if variant == "laisn-3-2" else FixKind.TWO_POINTS)
 
 
 def test_sigma_is_beta_over_separation() -> None:
-    actual = found_by("laisn-2", exact(0.0, 20.0), (0.0, 19.0))
-    np.testing.assert_allclose(place(actual), (0, 20), atol=1e-12)
+    actual = fix_of("laisn-2", error_free(0.0, 20.0), (0.0, 19.0))
+    np.testing.assert_allclose(position_of(actual), (0, 20), atol=1e-12)
     assert actual.sigma == pytest.approx(0.1 / 40)
     assert actual.kind == FixKind.TWO_POINTS
 
 
 def test_the_nearer_intersection_is_taken() -> None:
-    assert found_by("laisn-2", exact(3.0, 20.0), (3.0, -1.0)).north == pytest.approx(-20)
+    assert fix_of("laisn-2", error_free(3.0, 20.0), (3.0, -1.0)).north == pytest.approx(-20)
 
 
 def test_no_intersection_snaps_astern() -> None:
     """|D2 − D1| > L: the follower is put D1 behind P1."""
-    actual = found_by("laisn-2", arrived(30.0, 32.5, 31.0), (-31.0, 2.0))
+    actual = fix_of("laisn-2", circles_of(30.0, 32.5, 31.0), (-31.0, 2.0))
     assert actual == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
 def test_intersections_closer_than_t_snap_astern() -> None:
-    actual = found_by("laisn-2", exact(-30.0, 0.04), (-30.0, 0.04))
+    actual = fix_of("laisn-2", error_free(-30.0, 0.04), (-30.0, 0.04))
     assert actual.kind == FixKind.ASTERN
-    np.testing.assert_allclose(place(actual), (-1 - np.hypot(29, 0.04), 0))
-    assert found_by("laisn-2", exact(-30.0, 0.06), (-30.0, 0.06)).kind == FixKind.TWO_POINTS
+    np.testing.assert_allclose(position_of(actual), (-1 - np.hypot(29, 0.04), 0))
+    assert fix_of("laisn-2", error_free(-30.0, 0.06), (-30.0, 0.06)).kind == FixKind.TWO_POINTS
 
 
 def test_one_intersection_is_certain() -> None:
-    actual = found_by("laisn-2", arrived(3.0, 5.0, 4.0), (-4.0, 1.0))
+    actual = fix_of("laisn-2", circles_of(3.0, 5.0, 4.0), (-4.0, 1.0))
     assert actual == Fix(-4.0, 0.0, 0.0, FixKind.TANGENT, -1.0)
 
 
 def test_a_follower_ahead_is_snapped_behind_as_published_and_ahead_with_the_other_rule() -> None:
-    circles = arrived(32.2, 30.0, 31.0)
-    behind = found_by("laisn-2", circles, (31.0, 1.0))
-    np.testing.assert_allclose(place(behind), (-33.2, 0))
-    ahead = found_by("laisn-2", circles, (31.0, 1.0), PREDICTED)
-    np.testing.assert_allclose(place(ahead), (31.0, 0))
-    still_behind = found_by("laisn-2", arrived(30.0, 32.2, 31.0), (-31.0, 1.0), PREDICTED)
-    np.testing.assert_allclose(place(still_behind), (-31.0, 0))
+    circles = circles_of(32.2, 30.0, 31.0)
+    behind = fix_of("laisn-2", circles, (31.0, 1.0))
+    np.testing.assert_allclose(position_of(behind), (-33.2, 0))
+    ahead = fix_of("laisn-2", circles, (31.0, 1.0), PREDICTED)
+    np.testing.assert_allclose(position_of(ahead), (31.0, 0))
+    still_behind = fix_of("laisn-2", circles_of(30.0, 32.2, 31.0), (-31.0, 1.0), PREDICTED)
+    np.testing.assert_allclose(position_of(still_behind), (-31.0, 0))
 
 
 def test_the_predicted_end_is_that_on_whose_side_of_the_pairs_middle_the_prediction_lies() -> None:
-    circles = arrived(32.2, 30.0, 31.0)
-    assert place(found_by("laisn-2", circles, (0.05, 3.0), PREDICTED)) == pytest.approx((31.0, 0.0))
-    assert place(found_by("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx(
+    circles = circles_of(32.2, 30.0, 31.0)
+    assert position_of(fix_of("laisn-2", circles, (0.05, 3.0), PREDICTED)) == pytest.approx(
+        (31.0, 0.0)
+    )
+    assert position_of(fix_of("laisn-2", circles, (-0.05, 3.0), PREDICTED)) == pytest.approx(
         (-33.2, 0.0)
     )
     # of the pair (1, 3), 1.005 m long on its own axis, the middle lies at (−0.5, 0.05)
     ahead, behind = (
-        pair_fixes(arrived(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1] for s in (0.05, -0.05)
+        pair_fixes(circles_of(32.2, 30.0, 31.0), (-0.5 + s, 0.05), PREDICTED)[1]
+        for s in (0.05, -0.05)
     )
     assert np.hypot(ahead.east, ahead.north - 0.1) == pytest.approx(31.0)
     assert np.hypot(behind.east + 1.0, behind.north) == pytest.approx(32.2)
@@ -139,77 +146,77 @@ def test_the_predicted_end_is_that_on_whose_side_of_the_pairs_middle_the_predict
 
 
 def test_of_two_points_equally_near_the_one_to_port_is_taken() -> None:
-    assert found_by("laisn-2", exact(3.0, -20.0), (3.0, 0.0)).north == pytest.approx(20.0)
+    assert fix_of("laisn-2", error_free(3.0, -20.0), (3.0, 0.0)).north == pytest.approx(20.0)
 
 
 def test_points_as_far_apart_as_t_are_clear() -> None:
     """Radii of 1.25 m about centres 2 m apart meet 1.5 m apart, which binary numbers have
     exactly.
     """
-    circles = arrived(1.25, 1.25, 1.0)
+    circles = circles_of(1.25, 1.25, 1.0)
     for threshold, kind in ((1.5, FixKind.TWO_POINTS), (np.nextafter(1.5, 2.0), FixKind.ASTERN)):
         assert (
-            found_by("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind
+            fix_of("laisn-2", circles, (0.0, 1.0), NavigationSettings(threshold=threshold)).kind
             == kind
         )
 
 
 def test_snap_of_every_pair_uses_its_own_axis() -> None:
     """Eq. 23: from P1 against P3 − P1 for (1, 3), from P2 against P2 − P3 for (2, 3)."""
-    circles = arrived(30.0, 40.0, 20.0)
+    circles = circles_of(30.0, 40.0, 20.0)
     along_13 = np.array([1.0, 0.1]) / np.hypot(1.0, 0.1)
     along_32 = np.array([1.0, -0.1]) / np.hypot(1.0, 0.1)
-    positions = [place(snapped) for snapped in pair_fixes(circles, (-9.0, 0.0))]
+    positions = [position_of(snapped) for snapped in pair_fixes(circles, (-9.0, 0.0))]
     np.testing.assert_allclose(positions[0], (-31.0, 0.0))
-    np.testing.assert_allclose(positions[1], P[0] - 30.0 * along_13)
-    np.testing.assert_allclose(positions[2], P[1] - 40.0 * along_32)
+    np.testing.assert_allclose(positions[1], TRANSMITTERS[0] - 30.0 * along_13)
+    np.testing.assert_allclose(positions[2], TRANSMITTERS[1] - 40.0 * along_32)
 
 
 def test_laisn_3_2_weighs_pairs_by_their_certainty() -> None:
     """Eqs. 24 and 25 by hand: pair (1, 2) and (2, 3) meet, (1, 3) does not."""
-    circles = arrived(20.0, 20.5, 21.5)
+    circles = circles_of(20.0, 20.5, 21.5)
     predicted = (0.0, 20.0)
-    main, none, last = pair_fixes(circles, predicted)
-    assert none.separation == -1.0
-    weights = [1 / (1 + 0.1 / met.separation) for met in (main, last)]
-    expected = (weights[0] * np.array(place(main)) + weights[1] * np.array(place(last))) / sum(
-        weights
-    )
-    actual = found_by("laisn-3-2", circles, predicted)
-    np.testing.assert_allclose(place(actual), expected)
-    assert actual.sigma == pytest.approx((main.sigma + last.sigma) / 3)
+    pair_12, pair_13, pair_23 = pair_fixes(circles, predicted)
+    assert pair_13.separation == -1.0
+    weights = [1 / (1 + 0.1 / met.separation) for met in (pair_12, pair_23)]
+    expected = (
+        weights[0] * np.array(position_of(pair_12)) + weights[1] * np.array(position_of(pair_23))
+    ) / sum(weights)
+    actual = fix_of("laisn-3-2", circles, predicted)
+    np.testing.assert_allclose(position_of(actual), expected)
+    assert actual.sigma == pytest.approx((pair_12.sigma + pair_23.sigma) / 3)
     assert actual.kind == FixKind.FUSED
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-2", "laisn-best", "laisn-main"])
 def test_three_transmitter_variants_snap_on_the_main_axis_if_no_pair_meets(variant: str) -> None:
-    actual = found_by(variant, arrived(30.0, 33.0, 31.4), (-31.0, 1.0))
+    actual = fix_of(variant, circles_of(30.0, 33.0, 31.4), (-31.0, 1.0))
     assert actual == Fix(-31.0, 0.0, 0.0, FixKind.ASTERN, -1.0)
 
 
-def test_best_baseline_takes_the_pair_with_the_widest_intersections() -> None:
-    circles = arrived(20.0, 20.5, 20.0)
+def test_laisn_best_takes_the_pair_with_the_widest_intersections() -> None:
+    circles = circles_of(20.0, 20.5, 20.0)
     widest = max(pair_fixes(circles, (0.0, 20.0)), key=lambda pair: pair.separation)
-    assert found_by("laisn-best", circles, (0.0, 20.0)) == widest
+    assert fix_of("laisn-best", circles, (0.0, 20.0)) == widest
 
 
-def test_main_baseline_yields_only_where_it_is_not_clear() -> None:
-    clear = arrived(20.0, 20.5, 20.1)
-    assert found_by("laisn-main", clear, (0.0, 20.0)) == found_by("laisn-2", clear, (0.0, 20.0))
-    unclear = arrived(20.0, 22.5, 20.1)
+def test_laisn_main_takes_another_pair_only_where_the_main_one_is_not_clear() -> None:
+    clear = circles_of(20.0, 20.5, 20.1)
+    assert fix_of("laisn-main", clear, (0.0, 20.0)) == fix_of("laisn-2", clear, (0.0, 20.0))
+    unclear = circles_of(20.0, 22.5, 20.1)
     second = pair_fixes(unclear, (0.0, 20.0))[1]
     assert second.kind == FixKind.TWO_POINTS
-    assert found_by("laisn-main", unclear, (0.0, 20.0)) == second
+    assert fix_of("laisn-main", unclear, (0.0, 20.0)) == second
 
 
-@pytest.mark.parametrize("meets", [0, 1, 2])
+@pytest.mark.parametrize("crossing", [0, 1, 2])
 @pytest.mark.parametrize("other", [FixKind.LOST, FixKind.ASTERN])
-def test_a_pair_that_alone_has_an_intersection_is_the_fused_fix(meets: int, other: FixKind) -> None:
-    """Place and kind are its own, whichever of the three it is; σp keeps the factor 1/3 (Eq.
-    25).
-    """
+def test_a_pair_that_alone_has_an_intersection_is_the_fused_fix(
+    crossing: int, other: FixKind
+) -> None:
+    """Position and kind are those of that pair; σp keeps the factor 1/3 (Eq. 25)."""
     pairs = [Fix(50.0 + i, -9.0, 0.0, float(other), -1.0) for i in range(3)]
-    pairs[meets] = Fix(3.0, 4.0, 0.6, float(FixKind.TWO_POINTS), 2.0)
+    pairs[crossing] = Fix(3.0, 4.0, 0.6, float(FixKind.TWO_POINTS), 2.0)
     fused = laisn_3_2((pairs[0], pairs[1], pairs[2]), Point(0.0, 0.0))
     assert (fused.east, fused.north, fused.sigma) == pytest.approx((3.0, 4.0, 0.2))
     assert fused.kind == FixKind.TWO_POINTS
@@ -227,30 +234,29 @@ def test_where_no_pair_has_an_intersection_the_first_that_was_received_is_taken(
     assert fused.kind == FixKind.ASTERN
 
 
-def test_missing_ranges() -> None:
-    without_front = arrived(20.0, np.nan, 20.1)
-    assert found_by("laisn-2", without_front, (0.0, 20.0)).kind == FixKind.LOST
+def test_with_missing_ranges_the_pairs_that_were_received_are_used() -> None:
+    """Without the front range that is the pair (1, 3); with one range there is no fix."""
+    without_front = circles_of(20.0, np.nan, 20.1)
+    assert fix_of("laisn-2", without_front, (0.0, 20.0)).kind == FixKind.LOST
     only_13 = pair_fixes(without_front, (0.0, 20.0))[1]
     for variant in ("laisn-best", "laisn-main"):
-        assert found_by(variant, without_front, (0.0, 20.0)) == only_13
-    fused = found_by("laisn-3-2", without_front, (0.0, 20.0))
-    np.testing.assert_allclose(place(fused), place(only_13))
+        assert fix_of(variant, without_front, (0.0, 20.0)) == only_13
+    fused = fix_of("laisn-3-2", without_front, (0.0, 20.0))
+    np.testing.assert_allclose(position_of(fused), position_of(only_13))
     assert fused.sigma == pytest.approx(only_13.sigma / 3)
     assert fused.kind == FixKind.TWO_POINTS
-    nothing = arrived(np.nan, np.nan, 20.1)
+    one_range = circles_of(np.nan, np.nan, 20.1)
     for variant in CHOOSE_PAIR:
-        assert found_by(variant, nothing, (0.0, 20.0)).kind == FixKind.LOST
+        assert fix_of(variant, one_range, (0.0, 20.0)).kind == FixKind.LOST
 
 
-def _reception(
-    pitch: float, dz: float, x: float, y: float
+def reception_of(
+    pitch: float, depth_difference: float, east: float, north: float
 ) -> tuple[LeaderMessage, Ranges, Reception]:
-    """What a leader at 8 m depth, pitched by that angle and heading east, sends to a follower dz
-    deeper.
-    """
-    half, rise = np.cos(pitch), np.sin(pitch)
-    sites = np.array([[-half, 0, -rise], [half, 0, rise], [0, 0.1, 0]])
-    ranges = np.linalg.norm(sites - [x, y, -dz], axis=1)
+    """Reception of a follower `depth_difference` below a pitched leader at 8 m that heads east."""
+    forward, rise = np.cos(pitch), np.sin(pitch)
+    sites = np.array([[-forward, 0, -rise], [forward, 0, rise], [0, 0.1, 0]])
+    ranges = np.linalg.norm(sites - [east, north, -depth_difference], axis=1)
     return Reception(
         LeaderMessage(0.0, 0.0, 0.0, EAST, 1.0, 8.0, pitch, 0.0), Ranges(*ranges.tolist())
     )
@@ -260,43 +266,51 @@ def _reception(
 def test_pitch_shifts_a_fix_abeam_by_dz_sin_phi(pitch_deg: float, error: float) -> None:
     """laisn-2 with a level leader at Δz = 10 m, and none of it with the broadcast attitude."""
     pitch = np.deg2rad(pitch_deg)
-    reception = _reception(pitch, 10.0, 0.0, 40.0)
-    actual = found_by("laisn-2", to_circles(reception, 18.0, SETTINGS), (0.0, 40.0))
-    off = np.hypot(actual.east, actual.north - 40.0)
-    assert off == pytest.approx(10.0 * np.sin(pitch), rel=0.02)
-    assert off == pytest.approx(error, rel=0.02)
-    aware = to_circles(reception, 18.0, NavigationSettings(use_attitude=True))
-    np.testing.assert_allclose(place(found_by("laisn-2", aware, (0.0, 40.0))), (0, 40), atol=1e-9)
+    reception = reception_of(pitch, 10.0, 0.0, 40.0)
+    actual = fix_of("laisn-2", to_circles(reception, 18.0, SETTINGS), (0.0, 40.0))
+    shift = np.hypot(actual.east, actual.north - 40.0)
+    assert shift == pytest.approx(10.0 * np.sin(pitch), rel=0.02)
+    assert shift == pytest.approx(error, rel=0.02)
+    with_attitude = to_circles(reception, 18.0, NavigationSettings(use_attitude=True))
+    np.testing.assert_allclose(
+        position_of(fix_of("laisn-2", with_attitude, (0.0, 40.0))), (0, 40), atol=1e-9
+    )
 
 
 def test_hydrophone_above_the_depth_sensor_is_allowed_for() -> None:
-    reception = _reception(0.0, 10.0, 0.0, 40.0)
+    reception = reception_of(0.0, 10.0, 0.0, 40.0)
     range_circles = to_circles(reception, 18.3, NavigationSettings(hydrophone_height=0.3))
     np.testing.assert_allclose(
-        [circle.radius for circle in range_circles.circles], np.hypot(*(P - [0, 40]).T)
+        [circle.radius for circle in range_circles.circles], np.hypot(*(TRANSMITTERS - [0, 40]).T)
     )
     assert range_circles.depth_difference == pytest.approx(10.0)
 
 
-def test_circles_move_with_the_followers_way_and_the_leaders_until_each_ping() -> None:
-    """At 1 m/s to the east, pings half a second apart leave 0, 0.5 and 1 m on; transmitters that
-    settings place are where they are.
+def test_circles_move_with_the_follower_since_each_ping_and_with_the_leader_until_it() -> None:
+    """At 1 m/s to the east and pings half a second apart transmitters of the hull move by 0, 0.5
+    and 1 m. Transmitters whose positions are received move with the follower alone.
     """
-    reception = _reception(0.0, 10.0, 0.0, 40.0)
-    way = np.array([[0.3, 2.0], [0.2, 1.5], [0.1, 1.0]])
+    reception = reception_of(0.0, 10.0, 0.0, 40.0)
+    displacement = np.array([[0.3, 2.0], [0.2, 1.5], [0.1, 1.0]])
     settings = NavigationSettings(ping_slot=0.5)
-    moved = to_circles(reception, 18.0, settings, way).circles
+    of_hull = to_circles(reception, 18.0, settings, displacement).circles
     np.testing.assert_allclose(
-        [circle.centre for circle in moved],
-        P + way + [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]],
+        [circle.centre for circle in of_hull],
+        TRANSMITTERS + displacement + [[0.0, 0.0], [0.5, 0.0], [1.0, 0.0]],
         atol=1e-12,
     )
-    places = np.column_stack([P + 7.0, [8.0, 8.0, 8.0]])
-    placed = to_circles(reception._replace(transmitters=places), 18.0, settings, way).circles
-    np.testing.assert_allclose([circle.centre for circle in placed], P + 7.0 + way, atol=1e-12)
-    level = np.hypot(*(P - [0, 40]).T)
-    for circles in (moved, placed):
-        np.testing.assert_allclose([circle.radius for circle in circles], level)
+    transmitters = np.column_stack([TRANSMITTERS + 7.0, [8.0, 8.0, 8.0]])
+    of_given_transmitters = to_circles(
+        reception._replace(transmitters=transmitters), 18.0, settings, displacement
+    ).circles
+    np.testing.assert_allclose(
+        [circle.centre for circle in of_given_transmitters],
+        TRANSMITTERS + 7.0 + displacement,
+        atol=1e-12,
+    )
+    expected = np.hypot(*(TRANSMITTERS - [0, 40]).T)
+    for circles in (of_hull, of_given_transmitters):
+        np.testing.assert_allclose([circle.radius for circle in circles], expected)
 
 
 def test_variance_of_a_fix() -> None:

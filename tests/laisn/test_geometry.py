@@ -52,13 +52,13 @@ def test_angle_between_is_the_arc_cosine_of_the_directions(a: float, b: float) -
 def test_hull_points_agree_with_quaternions(
     heading: float, pitch: float, roll: float, forward: float, port: float
 ) -> None:
-    (ours,) = geometry.place_on_body(
+    (on_body,) = geometry.place_on_body(
         (0.0, 0.0, 0.0), (heading, pitch, roll), np.array([[forward, port, 0.0]])
     )
-    other = attitude.rotate(
+    by_quaternion = attitude.rotate(
         attitude.from_euler(heading, pitch, roll), np.array([forward, port, 0.0])
     )
-    np.testing.assert_allclose(ours * [1.0, 1.0, -1.0], other, atol=1e-9)
+    np.testing.assert_allclose(on_body * [1.0, 1.0, -1.0], by_quaternion, atol=1e-9)
 
 
 def test_transmitters_of_a_pitched_leader() -> None:
@@ -147,25 +147,23 @@ def test_intersections_lie_on_both_circles(
         assert left_of_axis > 0
 
 
-@example(d=12.0, r1=12.0, share=-1.0 + 1e-8)
-@given(d=st.floats(0.1, 100), r1=RADIUS, share=st.floats(-1.1, 1.1))
-def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, share: float) -> None:
-    """In fractions, where nothing is rounded; the second circle lies within the first's reach,
-    or a little beyond.
-    """
-    r2 = abs(d + share * r1)
+@example(d=12.0, r1=12.0, fraction=-1.0 + 1e-8)
+@given(d=st.floats(0.1, 100), r1=RADIUS, fraction=st.floats(-1.1, 1.1))
+def test_chord_is_that_of_exact_arithmetic(d: float, r1: float, fraction: float) -> None:
+    """By Python's fractions; the circles meet, or miss each other by up to a tenth of a radius."""
+    r2 = abs(d + fraction * r1)
     meet = meeting(0.0, 0.0, r1, d, 0.0, r2)
     along = (Fraction(d) ** 2 + Fraction(r1) ** 2 - Fraction(r2) ** 2) / (2 * Fraction(d))
-    squared = Fraction(r1) ** 2 - along**2
-    # each factor of the product is a sum of three sides, off by their rounding
+    half_squared = Fraction(r1) ** 2 - along**2
+    # in Heron's product each factor is a sum of three sides, with their rounding errors
     sides = float(d + r1 + r2)
     factors = [sides, abs(r1 + r2 - d), abs(d + r1 - r2), abs(d - r1 + r2)]
-    off = 1e-15 * sides
-    rounded = (math.prod(f + off for f in factors) - math.prod(factors)) / (4 * d * d)
-    if squared > rounded:
+    side_error = 1e-15 * sides
+    rounding = (math.prod(f + side_error for f in factors) - math.prod(factors)) / (4 * d * d)
+    if half_squared > rounding:
         assert meet.n_points == 2
-        assert meet.separation**2 / 4 == pytest.approx(float(squared), abs=rounded, rel=1e-12)
-    if squared < -rounded:
+        assert meet.separation**2 / 4 == pytest.approx(float(half_squared), abs=rounding, rel=1e-12)
+    if half_squared < -rounding:
         assert meet.n_points == 0
 
 

@@ -1,4 +1,4 @@
-"""Cases, several scenarios, level leaders, numbers of runs and errors over time of studies."""
+"""Cases, several scenarios, leaders without pitch, runs and errors over time of studies."""
 
 import re
 from pathlib import Path
@@ -24,10 +24,12 @@ SHORT: dict[str, Any] = {
 
 
 def plan(table: dict[str, Any]) -> StudyPlan:
+    """Plan of `SHORT` with the keys of a table."""
     return plan_of(study_from_table(SHORT | table, "s", "s"))
 
 
-def flown(folder: Path, table: dict[str, Any]) -> StudyResults:
+def fly_study(folder: Path, table: dict[str, Any]) -> StudyResults:
+    """Results of `SHORT` with the keys of a table."""
     return fly_studies([plan(table)], folder, workers=1, quiet=True)[0]
 
 
@@ -43,7 +45,7 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         },
     ]
     arms = [{"name": "laisn"}, {"name": "tight", "navigation.variant": "tight"}]
-    made = plan(
+    crossed = plan(
         {
             "scenario": ["T2", "T6"],
             "case": cases,
@@ -51,14 +53,14 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
             "vary": {"timing.message_interval_s": [1, 5]},
         }
     )
-    assert [tuple(point.values()) for point in made.points] == [
+    assert [tuple(point.values()) for point in crossed.points] == [
         (case, route, interval)
         for case in ("calm", "current")
         for route in ("T2", "T6")
         for interval in (1, 5)
     ]
-    assert [*made.points[0]] == ["case", "scenario", "timing.message_interval_s"]
-    chosen = plan(
+    assert [*crossed.points[0]] == ["case", "scenario", "timing.message_interval_s"]
+    selected = plan(
         {
             "scenario": ["T2", "T6"],
             "case": cases,
@@ -66,14 +68,14 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
             "vary": {"scenario": ["T6"], "case": ["calm"]},
         }
     )
-    assert [tuple(point.values()) for point in chosen.points] == [("calm", "T6")]
-    arms_of = {number: [e.arm for e in made.entries if e.point == number] for number in range(8)}
+    assert [tuple(point.values()) for point in selected.points] == [("calm", "T6")]
+    arms_of = {number: [e.arm for e in crossed.entries if e.point == number] for number in range(8)}
     assert arms_of == {
         number: ["laisn", "tight"] if number < 4 else ["laisn"] for number in range(8)
     }
-    assert made.study.title("case", "current") == "a current"
-    for entry in made.entries:
-        scenario, point = entry.scenario, made.points[entry.point]
+    assert crossed.study.title("case", "current") == "a current"
+    for entry in crossed.entries:
+        scenario, point = entry.scenario, crossed.points[entry.point]
         assert scenario.followers[0].route == point["scenario"] == entry.source
         assert (scenario.duration_s, scenario.ocean.current_speed_m_s) == (
             (20.0, 0.0) if point["case"] == "calm" else (30.0, 0.3)
@@ -135,37 +137,47 @@ def test_errors_of_cases_scenarios_and_runs_are_named(
         plan(changed)
 
 
-def test_an_arm_may_follow_a_leader_that_keeps_level_on_the_same_track(tmp_path: Path) -> None:
+def test_an_arm_may_follow_a_leader_without_pitch_on_the_same_track(tmp_path: Path) -> None:
+    """Each arm has the results of its cell flown alone, behind a pitching or a level leader."""
     arms = [{"name": "real"}, {"name": "level", "leader_pitch_deg": 0}]
-    outcomes = flown(tmp_path, {"arm": arms})
+    outcomes = fly_study(tmp_path, {"arm": arms})
     scenario = plan({}).entries[0].scenario
-    motion = simulate_mission(scenario)
-    assert np.abs(motion.pitch[:, 0]).max() > np.deg2rad(1.0)
-    for row, (labels, lists), behind in zip(
-        outcomes.rows, outcomes.runs, (motion, tilted(motion, 0.0)), strict=True
+    pitching = simulate_mission(scenario)
+    assert np.abs(pitching.pitch[:, 0]).max() > np.deg2rad(1.0)
+    for row, (labels_of_runs, values_of_runs), leader_motion in zip(
+        outcomes.rows, outcomes.runs, (pitching, tilted(pitching, 0.0)), strict=True
     ):
-        actual = simulate(
-            Cell.of(scenario, 0, 3, mission=CampaignMission(MotionSettings.of(scenario), behind))
+        alone = simulate(
+            Cell.of(
+                scenario, 0, 3, mission=CampaignMission(MotionSettings.of(scenario), leader_motion)
+            )
         )
         assert {name: row[name] for name in ("e_p_mean_m", "nees")} == {
-            name: actual.row[name] for name in ("e_p_mean_m", "nees")
+            name: alone.row[name] for name in ("e_p_mean_m", "nees")
         }
-        assert lists["e_p_mean_m"].tolist() == actual.runs["e_p_mean_m"].tolist()
-        assert labels["arm"] == row["arm"]
+        assert values_of_runs["e_p_mean_m"].tolist() == alone.runs["e_p_mean_m"].tolist()
+        assert labels_of_runs["arm"] == row["arm"]
     assert outcomes.rows[0]["e_p_mean_m"] != outcomes.rows[1]["e_p_mean_m"]
     assert outcomes.rows[0]["leader_pitch_rms_deg"] == outcomes.rows[1]["leader_pitch_rms_deg"]
 
 
 def test_sums_follow_other_keys_and_variables_of_the_study() -> None:
-    deeper = {
+    depths = {
         "followers.0.depth_m": {"sum": ["leader.depth_m", "offset_m", 1.0]},
         "leader.depth_m": 8.0,
     }
     cases = [{"name": "deep"}, {"name": "shallow", "leader.depth_m": 3.0}]
-    made = plan({"set": SHORT["set"] | deeper, "vary": {"offset_m": [2.0, 5.0]}, "case": cases})
-    assert [entry.scenario.followers[0].depth_m for entry in made.entries] == [11.0, 14.0, 6.0, 9.0]
-    assert [point["offset_m"] for point in made.points] == [2.0, 5.0, 2.0, 5.0]
-    assert all("offset_m" not in entry.settings for entry in made.entries)
+    study_plan = plan(
+        {"set": SHORT["set"] | depths, "vary": {"offset_m": [2.0, 5.0]}, "case": cases}
+    )
+    assert [entry.scenario.followers[0].depth_m for entry in study_plan.entries] == [
+        11.0,
+        14.0,
+        6.0,
+        9.0,
+    ]
+    assert [point["offset_m"] for point in study_plan.points] == [2.0, 5.0, 2.0, 5.0]
+    assert all("offset_m" not in entry.settings for entry in study_plan.entries)
 
 
 @pytest.mark.parametrize(
@@ -203,11 +215,13 @@ def test_errors_of_sums_and_measured_values_are_named(
 def test_a_measured_value_is_that_of_the_mission(tmp_path: Path) -> None:
     key = "navigation.expected_pitch_deg"
     arms = [{"name": "measured", key: {"measured": "leader_pitch_rms_deg"}}]
-    (row,) = flown(tmp_path, {"arm": arms}).rows
-    given = flown(tmp_path, {"set": SHORT["set"] | {key: row["leader_pitch_rms_deg"]}}).rows[0]
+    (row,) = fly_study(tmp_path, {"arm": arms}).rows
+    with_number = fly_study(
+        tmp_path, {"set": SHORT["set"] | {key: row["leader_pitch_rms_deg"]}}
+    ).rows[0]
     assert row[key] == row["leader_pitch_rms_deg"] > 1.0
-    assert row["e_p_mean_m"] == given["e_p_mean_m"]
-    assert row["e_p_mean_m"] != flown(tmp_path, {}).rows[0]["e_p_mean_m"]
+    assert row["e_p_mean_m"] == with_number["e_p_mean_m"]
+    assert row["e_p_mean_m"] != fly_study(tmp_path, {}).rows[0]["e_p_mean_m"]
 
 
 def test_commands_have_the_measured_value_of_their_realization(tmp_path: Path) -> None:
@@ -215,61 +229,70 @@ def test_commands_have_the_measured_value_of_their_realization(tmp_path: Path) -
     key = "navigation.expected_pitch_deg"
     arms = [{"name": "measured", key: {"measured": "leader_pitch_rms_deg"}}]
     settings = SHORT["set"] | {"ocean.waves.kind": "jonswap"}
-    outcomes = flown(tmp_path, {"arm": arms, "set": settings, "realizations": 3})
+    outcomes = fly_study(tmp_path, {"arm": arms, "set": settings, "realizations": 3})
     pitch = {row["realization"]: row["leader_pitch_rms_deg"] for row in outcomes.rows}
     assert len({*pitch.values()}) == 3
     text = commands(outcomes.plan, outcomes.results)
-    found = re.findall(rf"of realization (\d)\n.*--set {key}=(\S+)", text)
-    assert len(found) == 2
-    assert {int(number) for number, _ in found} != {0}
-    for number, value in found:
+    values_in_commands = re.findall(rf"of realization (\d)\n.*--set {key}=(\S+)", text)
+    assert len(values_in_commands) == 2
+    assert {int(number) for number, _ in values_in_commands} != {0}
+    for number, value in values_in_commands:
         assert float(value) == pytest.approx(pitch[int(number)], rel=1e-9)
 
 
 def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
     arms = [{"name": "a"}, {"name": "b", "navigation.gate": "off"}]
-    actual, asked = {"part": flown(tmp_path, {"arm": arms})}, []
+    outcomes, runs_flown = {"part": fly_study(tmp_path, {"arm": arms})}, []
 
     def choose(outcomes: Any) -> dict[str, RunTotals]:
-        asked.append([len(lists["run"]) for _, lists in outcomes["part"].runs])
-        return {"part": {(0, "b", 0): 5}} if len(asked) == 1 else {}
+        runs_flown.append(
+            [len(values_of_runs["run"]) for _, values_of_runs in outcomes["part"].runs]
+        )
+        return {"part": {(0, "b", 0): 5}} if len(runs_flown) == 1 else {}
 
-    fly_further(actual, choose, tmp_path, workers=1, quiet=True)
-    assert asked == [[3, 3], [3, 5]]
-    whole = flown(tmp_path / "whole", {"arm": arms, "runs": 5})
-    for name, values in actual["part"].runs[1][1].items():
-        assert values.tolist() == pytest.approx(whole.runs[1][1][name].tolist(), nan_ok=True)
-    assert actual["part"].rows[1]["runs"] == 3
+    fly_further(outcomes, choose, tmp_path, workers=1, quiet=True)
+    assert runs_flown == [[3, 3], [3, 5]]
+    longer = fly_study(tmp_path / "whole", {"arm": arms, "runs": 5})
+    for name, values in outcomes["part"].runs[1][1].items():
+        assert values.tolist() == pytest.approx(longer.runs[1][1][name].tolist(), nan_ok=True)
+    assert outcomes["part"].rows[1]["runs"] == 3
 
 
 def test_runs_have_the_noise_of_their_numbers(tmp_path: Path) -> None:
-    """Points may have runs of their own: run 5 is the same wherever it stands."""
-    many = flown(tmp_path, {"runs": 8}).runs[0][1]
-    made = plan(
+    """`runs_apart` gives each point its own run numbers; run 5 has the same noise in any study."""
+    of_eight_runs = fly_study(tmp_path, {"runs": 8}).runs[0][1]
+    study_plan = plan(
         {
             "set": SHORT["set"] | {"run": 2},
             "vary": {"leader.broadcast_attitude": [False, True]},
             "runs_apart": 3,
         }
     )
-    assert [entry.scenario.run for entry in made.entries] == [2, 5]
-    for first, (_, lists) in zip(
-        (2, 5), fly_studies([made], tmp_path, workers=1, quiet=True)[0].runs, strict=True
+    assert [entry.scenario.run for entry in study_plan.entries] == [2, 5]
+    for first_run, (_, values_of_runs) in zip(
+        (2, 5), fly_studies([study_plan], tmp_path, workers=1, quiet=True)[0].runs, strict=True
     ):
-        assert lists["run"].tolist() == [first, first + 1, first + 2]
-        assert lists["e_p_mean_m"].tolist() == many["e_p_mean_m"][first : first + 3].tolist()
-    part = fly_studies([made.part(made.entries[1:], 1)], tmp_path, workers=1, quiet=True)[0]
-    assert [lists["run"].tolist() for _, lists in part.runs] == [[5]]
+        assert values_of_runs["run"].tolist() == [first_run, first_run + 1, first_run + 2]
+        assert (
+            values_of_runs["e_p_mean_m"].tolist()
+            == of_eight_runs["e_p_mean_m"][first_run : first_run + 3].tolist()
+        )
+    second_point_alone = fly_studies(
+        [study_plan.part(study_plan.entries[1:], 1)], tmp_path, workers=1, quiet=True
+    )[0]
+    assert [values_of_runs["run"].tolist() for _, values_of_runs in second_point_alone.runs] == [
+        [5]
+    ]
 
 
 def test_studies_fly_together_and_keep_errors_over_time(tmp_path: Path) -> None:
-    one, other = fly_studies(
+    with_steps, without_steps = fly_studies(
         [plan({"steps": True}), plan({"runs": 2})], tmp_path, workers=1, quiet=True
     )
-    (steps,) = one.steps
-    assert steps["e_p_mean_m"].mean() == pytest.approx(one.rows[0]["e_p_mean_m"], rel=1e-6)
-    assert other.steps == [{}]
-    assert (one.rows[0]["runs"], other.rows[0]["runs"]) == (3, 2)
+    (steps,) = with_steps.steps
+    assert steps["e_p_mean_m"].mean() == pytest.approx(with_steps.rows[0]["e_p_mean_m"], rel=1e-6)
+    assert without_steps.steps == [{}]
+    assert (with_steps.rows[0]["runs"], without_steps.rows[0]["runs"]) == (3, 2)
 
 
 def test_a_trial_run_has_the_keys_of_quick() -> None:

@@ -13,23 +13,23 @@ from sim.flight import FlightRecord
 
 
 def test_a_page_shows_the_worst_run_in_3d(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of two depths and three runs of noise, that with the largest mean error of the deeper."""
+    """Of two biases of the log with three runs each, the run with the largest mean error."""
     table = {
         "scenario": "T5",
         "runs": 3,
         "set": {"duration_s": 20.0, "motion": "kinematic"},
         "vary": {"sensors.speed_bias_m_s": [0.0, 0.5]},
     }
-    seen: list[FlightRecord] = []
+    shown: list[FlightRecord] = []
 
-    def shown_in_3d(flight: FlightRecord) -> Scene:
-        seen.append(flight)
+    def recorded_scene(flight: FlightRecord) -> Scene:
+        shown.append(flight)
         return scene_of_flight(flight)
 
-    monkeypatch.setattr("reports.flight_report.scene_of_flight", shown_in_3d)
+    monkeypatch.setattr("reports.flight_report.scene_of_flight", recorded_scene)
     study = study_from_table(table, "mine.toml", "mine")
     run_studies({"study": study}, tmp_path, workers=1, quiet=True, scene=True)
-    (flight,) = seen
+    (flight,) = shown
     runs = read_table(tmp_path / RUNS)
     worst = max(runs, key=lambda row: float(row["e_p_mean_m"]))
     assert worst["sensors.speed_bias_m_s"] == 0.5

@@ -38,7 +38,7 @@ START = np.array([0.0, 0.0, 1.0, 0.0])
 EXACT_LOG = {"speed_bias_sigma": 0.0, "heading_bias_sigma": 0.0, "range_scale_bias_sigma": 0.0}
 
 
-def by_name(name: str, settings: RivalSettings, start: Floats) -> Any:
+def navigator_of(name: str, settings: RivalSettings, start: Floats) -> Any:
     if name == "factor-graph":
         pytest.importorskip("gtsam")
     return find(name).make(settings, start)
@@ -51,15 +51,20 @@ def message(east: float, north: float, heading: float = 0.0, depth: float = 10.0
     )
 
 
-def by_filterpy(
-    settings: RivalSettings, mission: Measurements, start: Floats, only: int | None = None
+def run_filterpy(
+    settings: RivalSettings,
+    mission: Measurements,
+    start: Floats,
+    only_transmitter: int | None = None,
 ) -> tuple[Floats, Floats]:
     """Position and covariance after each step, with numerical derivatives of the motion and of
-    the ranges.
+    the ranges; with `only_transmitter`, of its ranges alone.
     """
     kalman = ExtendedKalmanFilter(dim_x=7, dim_z=1)
     kalman.x = np.r_[start[:2], np.zeros(5)]
-    current, walk = (settings.current_sigma, 1e-6) if settings.assume.current else (0.0, 0.0)
+    current, current_walk = (
+        (settings.current_sigma, 1e-6) if settings.assume.current else (0.0, 0.0)
+    )
     kalman.P = np.diag(
         np.square(
             [settings.start_sigma] * 2
@@ -83,83 +88,91 @@ def by_filterpy(
         steps = 1e-6 * np.eye(7)
         return np.column_stack([(function(x + step) - function(x - step)) / 2e-6 for step in steps])
 
-    arrival = {k: i for i, k in enumerate(mission.message_step.tolist())}
-    before, states, spreads = (mission.speed[0], mission.heading[0]), [], []
-    track: list[Floats] = []
-    for k, now in enumerate(zip(mission.speed, mission.heading, strict=True), start=1):
+    message_of_step = {k: i for i, k in enumerate(mission.message_step.tolist())}
+    last_readings, states, covariances = (mission.speed[0], mission.heading[0]), [], []
+    leader_messages: list[Floats] = []
+    for k, readings in enumerate(zip(mission.speed, mission.heading, strict=True), start=1):
 
-        def moved(x: Floats, before=before, now=now) -> Floats:  # type: ignore[no-untyped-def]
-            way = 0.5 * dt * (velocity(x, *before) + velocity(x, *now))
-            return np.asarray(np.r_[x[:2] + way, x[2:]])
+        def after_step(x: Floats, last_readings=last_readings, readings=readings) -> Floats:  # type: ignore[no-untyped-def]
+            displacement = 0.5 * dt * (velocity(x, *last_readings) + velocity(x, *readings))
+            return np.asarray(np.r_[x[:2] + displacement, x[2:]])
 
-        heading = now[1] - kalman.x[3]
+        heading = readings[1] - kalman.x[3]
         rotation = np.array(
             [[np.sin(heading), np.cos(heading)], [-np.cos(heading), np.sin(heading)]]
         )
-        noise = np.diag([settings.speed_sigma**2, (settings.heading_sigma * now[0]) ** 2])
+        noise = np.diag([settings.speed_sigma**2, (settings.heading_sigma * readings[0]) ** 2])
         kalman.Q = np.zeros((7, 7))
         kalman.Q[:2, :2] = dt**2 * rotation.T @ noise @ rotation
         kalman.Q[2, 2], kalman.Q[3, 3] = 4e-8 * dt, 2.25e-8 * dt
-        kalman.Q[5, 5] = kalman.Q[6, 6] = walk * dt
-        kalman.F = derivative(moved, kalman.x)
+        kalman.Q[5, 5] = kalman.Q[6, 6] = current_walk * dt
+        kalman.F = derivative(after_step, kalman.x)
         kalman.P = kalman.F @ kalman.P @ kalman.F.T + kalman.Q
-        kalman.x = moved(kalman.x)
-        if k in arrival:
-            _, east, north, heading, _, depth, *_ = mission.message[arrival[k]]
-            ranges = mission.ranges[arrival[k]].copy()
+        kalman.x = after_step(kalman.x)
+        if k in message_of_step:
+            _, east, north, heading, _, depth, *_ = mission.message[message_of_step[k]]
+            ranges = mission.ranges[message_of_step[k]].copy()
             ranges[settings.transmitters :] = np.nan
-            if only is not None:
-                ranges[np.arange(3) != only] = np.nan
+            if only_transmitter is not None:
+                ranges[np.arange(3) != only_transmitter] = np.nan
             used = np.flatnonzero(np.isfinite(ranges))
             forward, port = (
                 np.array([np.sin(a), np.cos(a)]) for a in (heading, heading - np.pi / 2)
             )
-            places = np.array([east, north]) + np.stack(
+            transmitters = np.array([east, north]) + np.stack(
                 [-forward, forward, settings.middle_offset * port]
             )
-            below = depth - mission.depth[k - 1] + settings.hydrophone_height
+            depth_difference = depth - mission.depth[k - 1] + settings.hydrophone_height
 
-            def expected(x: Floats, used=used, places=places, below=below, ranges=ranges) -> Floats:  # type: ignore[no-untyped-def]
-                away = np.hypot(np.hypot(*(x[:2] - places[used]).T), below)
-                return np.asarray(away * (1.0 + x[4] / np.nanmax(ranges)))
+            def expected(
+                x: Floats,
+                used=used,
+                transmitters=transmitters,
+                depth_difference=depth_difference,
+                ranges=ranges,
+            ) -> Floats:  # type: ignore[no-untyped-def]
+                distance = np.hypot(np.hypot(*(x[:2] - transmitters[used]).T), depth_difference)
+                return np.asarray(distance * (1.0 + x[4] / np.nanmax(ranges)))
 
-            share = expected(np.r_[kalman.x[:4], np.zeros(3)]) / np.nanmax(ranges)
+            scale_derivative = expected(np.r_[kalman.x[:4], np.zeros(3)]) / np.nanmax(ranges)
             noise = settings.range_sigma**2 * np.eye(used.size)
-            noise += settings.range_scale_sigma**2 * np.outer(share, share)
+            noise += settings.range_scale_sigma**2 * np.outer(scale_derivative, scale_derivative)
             if used.size:
                 # of the scale's share in the direction's derivative, 1 + b_r / max z, the filter
                 # takes 1
                 kalman.update(
                     ranges[used],
-                    lambda x, e=expected, share=share: (
+                    lambda x, e=expected, scale_derivative=scale_derivative: (
                         derivative(lambda y: e(np.r_[y[:4], np.zeros(3)]), x)
-                        + np.outer(share, np.eye(7)[4])
+                        + np.outer(scale_derivative, np.eye(7)[4])
                     ),
                     expected,
                     R=noise,
                 )
-            # the leader's way over ground less that of its log, over 1 s to 10 s
-            track.append(mission.message[arrival[k]])
-            t, *place, course, log = np.array(track)[:, :5].T
-            through = np.trapezoid(log * np.array([np.sin(course), np.cos(course)]), t)
-            wanted = min(10.0, 1.0 + 0.2 * (t[-1] - mission.message[0, 0])) - 1e-6
+            # the leader's velocity over ground less that through the water, over 1 s to 10 s
+            leader_messages.append(mission.message[message_of_step[k]])
+            t, *leader_path, course, log_speed = np.array(leader_messages)[:, :5].T
+            through_water = np.trapezoid(log_speed * np.array([np.sin(course), np.cos(course)]), t)
+            window_needed = min(10.0, 1.0 + 0.2 * (t[-1] - mission.message[0, 0])) - 1e-6
             if abs(course[-1] - course[0]) > 0.2:
-                track = track[-1:]
-            elif t[-1] - t[0] >= wanted:
+                leader_messages = leader_messages[-1:]
+            elif t[-1] - t[0] >= window_needed:
                 window = t[-1] - t[0]
-                seen = (np.array(place)[:, -1] - np.array(place)[:, 0] - through) / window
+                current_observed = (
+                    np.array(leader_path)[:, -1] - np.array(leader_path)[:, 0] - through_water
+                ) / window
                 if settings.assume.current:
                     kalman.update(
-                        seen,
+                        current_observed,
                         lambda x: np.eye(7)[5:],
                         lambda x: x[5:],
                         R=0.05**2 * 10.0 / window * np.eye(2),
                     )
-                track = track[-1:]
-        before = now
+                leader_messages = leader_messages[-1:]
+        last_readings = readings
         states.append(kalman.x[:2].copy())
-        spreads.append(kalman.P[[0, 0, 1], [0, 1, 1]])
-    return np.array(states), np.array(spreads)
+        covariances.append(kalman.P[[0, 0, 1], [0, 1, 1]])
+    return np.array(states), np.array(covariances)
 
 
 @pytest.mark.parametrize(("transmitters", "current"), [(2, False), (3, False), (3, True)])
@@ -171,7 +184,7 @@ def test_the_range_filter_is_filterpys(transmitters: int, current: bool) -> None
     settings = replace(SETTINGS, transmitters=transmitters, hydrophone_height=0.1, assume=assume)
     mission = measure(truth, SensorErrors(depth_sigma=0.05), seed=3, run=1)
     actual = RangeFilter(settings, truth.start).run(mission)
-    position, covariance = by_filterpy(settings, mission, truth.start)
+    position, covariance = run_filterpy(settings, mission, truth.start)
     assert actual.state[:, :2] == pytest.approx(position, abs=1e-6)
     assert actual.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
         covariance, rel=1e-5, abs=1e-9
@@ -181,11 +194,11 @@ def test_the_range_filter_is_filterpys(transmitters: int, current: bool) -> None
 def test_the_filter_on_one_way_travel_times_is_filterpys_on_one_range() -> None:
     truth = make_truth(offset=ABEAM, attitude=False)
     mission = measure(truth, SensorErrors(), seed=3, run=1)
-    full = mission.ranges.copy()
-    full[np.isnan(full[:, 2]), 0] = np.nan
-    mission = replace(mission, ranges=full)
+    ranges = mission.ranges.copy()
+    ranges[np.isnan(ranges[:, 2]), 0] = np.nan
+    mission = replace(mission, ranges=ranges)
     actual = OneWayTravelTime(SETTINGS, truth.start).run(mission)
-    position, covariance = by_filterpy(SETTINGS, mission, truth.start, only=2)
+    position, covariance = run_filterpy(SETTINGS, mission, truth.start, only_transmitter=2)
     assert actual.state[:, :2] == pytest.approx(position, abs=1e-5)
     assert actual.covariance[:, (0, 0, 1), (0, 1, 1)] == pytest.approx(
         covariance, rel=1e-5, abs=1e-9
@@ -212,8 +225,8 @@ def test_a_follower_at_rest_has_the_covariance_of_a_mean_of_ranges(
 
 
 def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form() -> None:
-    """Along at speed s for t = n Δt: σ₀² + σ_bv² t² + n σ_v² Δt² + slip² t; across with s σ_bθ
-    and s σ_θ for those.
+    """At speed s for t = n Δt: σ₀² + σ_bv² t² + n σ_v² Δt² + slip² t along the course; across it
+    s σ_bθ and s σ_θ take the places of σ_bv and σ_v.
     """
     settings = replace(SETTINGS, slip=0.05, heading_bias_sigma=0.1)
     navigator, n, speed = DeadReckoning(settings, START), 500, 1.5
@@ -221,23 +234,31 @@ def test_dead_reckoning_on_a_straight_line_has_the_covariance_of_its_closed_form
         assert navigator.step(OwnMotion(speed, np.pi / 2, 10.0)) == []
     time, dt = 50.0, 0.1
     assert navigator.state == pytest.approx([75.0, 0.0, 1.5, 0.0], abs=1e-9)
-    rest = settings.start_sigma**2 + settings.slip**2 * time
-    along = rest + settings.speed_bias_sigma**2 * time**2 + n * (settings.speed_sigma * dt) ** 2
-    across = rest + (speed * 0.1 * time) ** 2 + n * (speed * settings.heading_sigma * dt) ** 2
+    in_both_directions = settings.start_sigma**2 + settings.slip**2 * time
+    along = (
+        in_both_directions
+        + settings.speed_bias_sigma**2 * time**2
+        + n * (settings.speed_sigma * dt) ** 2
+    )
+    across = (
+        in_both_directions
+        + (speed * 0.1 * time) ** 2
+        + n * (speed * settings.heading_sigma * dt) ** 2
+    )
     # random walks of the biases, integrated twice
     walks = 4e-8 * time**3 / 3, 2.25e-8 * speed**2 * time**3 / 3
     assert navigator.covariance[0, 0] == pytest.approx(along + walks[0], rel=1e-5)
     assert navigator.covariance[1, 1] == pytest.approx(across + walks[1], rel=1e-5)
     assert navigator.covariance[2, 2] == pytest.approx(0.3**2 + 4e-8 * time + 0.2**2, rel=1e-9)
-    lost = navigator.step(
+    fixes = navigator.step(
         OwnMotion(speed, 0.0, 10.0), Reception(message(9.0, 9.0), Ranges(9.0, 9.0, 9.0))
     )
-    assert lost[0].kind == FixKind.LOST
+    assert fixes[0].kind == FixKind.LOST
 
 
 def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
-    """From a start that counts for nothing, exact readings leave transmitter − D u(heading +
-    azimuth).
+    """With a start of next to no weight and exact readings the position is that of the transmitter
+    less D u(heading + azimuth).
     """
     settings = RivalSettings(
         start_sigma=1e3,
@@ -247,19 +268,21 @@ def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
         heading_sigma=1e-9,
         **EXACT_LOG,
     )
-    heading, azimuth, away, deeper = 0.4, 0.7, 60.0, 8.0
-    place = np.array([20.0, -5.0]) - away * np.array(
+    heading, azimuth, distance, depth_difference = 0.4, 0.7, 60.0, 8.0
+    position = np.array([20.0, -5.0]) - distance * np.array(
         [np.sin(heading + azimuth), np.cos(heading + azimuth)]
     )
-    navigator = InvertedUsbl(settings, np.append(place + np.array([0.3, -0.2]), [0.0, 0.0]))
-    custom = {"bearing": np.array([azimuth, np.arctan2(deeper, away)])}
+    navigator = InvertedUsbl(settings, np.append(position + np.array([0.3, -0.2]), [0.0, 0.0]))
+    custom = {"bearing": np.array([azimuth, np.arctan2(depth_difference, distance)])}
     # the front transmitter of a leader that heads north is 1 m ahead
     received = Reception(
-        message(20.0, -6.0), Ranges(np.nan, np.hypot(away, deeper), np.nan), custom=custom
+        message(20.0, -6.0),
+        Ranges(np.nan, np.hypot(distance, depth_difference), np.nan),
+        custom=custom,
     )
     for _ in range(4):
-        navigator.step(OwnMotion(0.0, heading, 10.0 + deeper), received)
-    assert navigator.state[:2] == pytest.approx(place, abs=2e-3)
+        navigator.step(OwnMotion(0.0, heading, 10.0 + depth_difference), received)
+    assert navigator.state[:2] == pytest.approx(position, abs=2e-3)
     with pytest.raises(LaisnError, match="no azimuth and elevation of an inverted USBL"):
         navigator.step(OwnMotion(0.0, heading, 18.0), received._replace(custom={}))
 
@@ -267,24 +290,25 @@ def test_an_inverted_usbl_places_the_follower_by_range_and_bearing() -> None:
 def test_a_geodetic_adjustment_minimises_the_weighted_squares_of_its_observations() -> None:
     settings = replace(SETTINGS, start_sigma=1.5)
     navigator = GeodeticAdjustment(settings, START)
-    reckoned = DeadReckoning(settings, START)
+    dead_reckoning = DeadReckoning(settings, START)
     for _ in range(50):
         navigator.step(OwnMotion(1.0, 1.0, 10.0))
-        reckoned.step(OwnMotion(1.0, 1.0, 10.0))
-    own, z, transmitter = OwnMotion(1.0, 1.0, 10.0), 20.0, np.array([-0.1, 24.0])
-    reckoned.step(own)
-    navigator.step(own, Reception(message(0.0, 24.0), Ranges(np.nan, np.nan, z)))
-    root = np.linalg.cholesky(np.linalg.inv(reckoned.covariance[:2, :2])).T
+        dead_reckoning.step(OwnMotion(1.0, 1.0, 10.0))
+    own, measured, transmitter = OwnMotion(1.0, 1.0, 10.0), 20.0, np.array([-0.1, 24.0])
+    dead_reckoning.step(own)
+    navigator.step(own, Reception(message(0.0, 24.0), Ranges(np.nan, np.nan, measured)))
+    root = np.linalg.cholesky(np.linalg.inv(dead_reckoning.covariance[:2, :2])).T
     sigma = np.linalg.norm(
         [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
     )
 
     def residuals(p: Floats) -> Floats:
         return np.append(
-            root @ (p - reckoned.state[:2]), (np.linalg.norm(p - transmitter) - z) / sigma
+            root @ (p - dead_reckoning.state[:2]),
+            (np.linalg.norm(p - transmitter) - measured) / sigma,
         )
 
-    best = least_squares(residuals, reckoned.state[:2], xtol=1e-12)
+    best = least_squares(residuals, dead_reckoning.state[:2], xtol=1e-12)
     # iterations stop where the range's own curvature no longer matters
     assert navigator.state[:2] == pytest.approx(best.x, abs=1e-3)
     assert navigator.covariance[:2, :2] == pytest.approx(
@@ -299,68 +323,95 @@ def test_a_factor_graph_whose_window_holds_all_is_the_solution_of_the_whole_prob
     settings = replace(
         SETTINGS, lag=1e3, start_sigma=0.5, current_sigma=0.1, assume=Assume(current=True)
     )
-    navigator, rng = by_name("factor-graph", settings, START), np.random.default_rng(5)
-    readings, received, place = [], [], np.zeros(2)
+    navigator, rng = navigator_of("factor-graph", settings, START), np.random.default_rng(5)
+    readings, receptions, position = [], [], np.zeros(2)
     s, c, dt = np.sin(0.3), np.cos(0.3), 0.1
     offsets = np.array([[-s, -c], [s, c], [-0.1 * c, 0.1 * s]])
     for k in range(1, 61):
         heading = 0.9 + 0.01 * k
-        place = place + dt * np.array([np.sin(heading) + 0.05, np.cos(heading) - 0.08])
-        own = OwnMotion(1.1 + 0.1 * rng.normal(), heading + 0.05 + 0.02 * rng.normal(), 10.0)
-        readings.append(own[:2])
+        position = position + dt * np.array([np.sin(heading) + 0.05, np.cos(heading) - 0.08])
+        own_motion = OwnMotion(1.1 + 0.1 * rng.normal(), heading + 0.05 + 0.02 * rng.normal(), 10.0)
+        readings.append(own_motion[:2])
         reception = None
         if k % 10 == 0:
             leader = message(15.0 + 0.1 * k, 6.0 - 0.05 * k, 0.3)
-            true = np.linalg.norm(place - np.array([leader.east, leader.north]) - offsets, axis=1)
-            reception = Reception(
-                leader, Ranges(*(true + 0.05 * rng.normal() + 0.003 * rng.normal(size=3)))
+            true_ranges = np.linalg.norm(
+                position - np.array([leader.east, leader.north]) - offsets, axis=1
             )
-            received.append(reception)
-        navigator.step(own, reception)
-    both = np.array([readings[0], *readings])
-    u = np.column_stack([np.sin(both[:, 1]), np.cos(both[:, 1])])
-    steps = 0.5 * dt * (both[:-1, :1] * u[:-1] + both[1:, :1] * u[1:]), 0.5 * dt * (u[:-1] + u[1:])
+            reception = Reception(
+                leader, Ranges(*(true_ranges + 0.05 * rng.normal() + 0.003 * rng.normal(size=3)))
+            )
+            receptions.append(reception)
+        navigator.step(own_motion, reception)
+    all_readings = np.array([readings[0], *readings])
+    u = np.column_stack([np.sin(all_readings[:, 1]), np.cos(all_readings[:, 1])])
+    step_displacements = (
+        0.5 * dt * (all_readings[:-1, :1] * u[:-1] + all_readings[1:, :1] * u[1:]),
+        0.5 * dt * (u[:-1] + u[1:]),
+    )
 
-    def residuals(v: Floats) -> Floats:
-        poses, (log, scale), current, common = v[:21].reshape(7, 3), v[21:23], v[23:25], v[25:]
-        actual = [
+    def residuals(unknowns: Floats) -> Floats:
+        poses, (speed_bias, scale), current, common = (
+            unknowns[:21].reshape(7, 3),
+            unknowns[21:23],
+            unknowns[23:25],
+            unknowns[25:],
+        )
+        terms = [
             poses[0, :2] / 0.5,
             [
                 poses[0, 2] / settings.heading_bias_sigma,
-                log / settings.speed_bias_sigma,
+                speed_bias / settings.speed_bias_sigma,
                 scale / settings.range_scale_bias_sigma,
                 *current / 0.1,
             ],
         ]
-        for i, reception in enumerate(received):
-            part, (before, after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
-            way, path, now = steps[0][part].sum(axis=0), steps[1][part].sum(axis=0), u[1:][part]
-            across = both[1:, :1][part] * np.column_stack([-now[:, 1], now[:, 0]])
+        for i, reception in enumerate(receptions):
+            leg, (pose_before, pose_after) = slice(10 * i, 10 * i + 10), poses[i : i + 2]
+            displacement, path_per_speed, directions = (
+                step_displacements[0][leg].sum(axis=0),
+                step_displacements[1][leg].sum(axis=0),
+                u[1:][leg],
+            )
+            across = all_readings[1:, :1][leg] * np.column_stack(
+                [-directions[:, 1], directions[:, 0]]
+            )
             noise = dt**2 * (
-                settings.speed_sigma**2 * now.T @ now
+                settings.speed_sigma**2 * directions.T @ directions
                 + settings.heading_sigma**2 * across.T @ across
             )
             rotation = np.array(
-                [[np.cos(before[2]), np.sin(before[2])], [-np.sin(before[2]), np.cos(before[2])]]
+                [
+                    [np.cos(pose_before[2]), np.sin(pose_before[2])],
+                    [-np.sin(pose_before[2]), np.cos(pose_before[2])],
+                ]
             )
-            moved = rotation @ (after[:2] - before[:2] - current) - way + log * path
-            actual.append(np.linalg.solve(np.linalg.cholesky(noise), moved))
-            actual.append([(after[2] - before[2]) / (1.5e-4 * np.sqrt(1.0))])
-            places = np.array([reception.message.east, reception.message.north]) + offsets
-            away = np.linalg.norm(after[:2] - places, axis=1)
-            z = np.array(reception.ranges)
-            actual.append((away * (1.0 + common[i] / z.max()) - z) / settings.range_sigma)
-            actual.append([(common[i] - scale) / settings.range_scale_sigma])
-        return np.concatenate(actual)
+            odometry_residual = (
+                rotation @ (pose_after[:2] - pose_before[:2] - current)
+                - displacement
+                + speed_bias * path_per_speed
+            )
+            terms.append(np.linalg.solve(np.linalg.cholesky(noise), odometry_residual))
+            terms.append([(pose_after[2] - pose_before[2]) / (1.5e-4 * np.sqrt(1.0))])
+            transmitters = np.array([reception.message.east, reception.message.north]) + offsets
+            distance = np.linalg.norm(pose_after[:2] - transmitters, axis=1)
+            measured = np.array(reception.ranges)
+            terms.append(
+                (distance * (1.0 + common[i] / measured.max()) - measured) / settings.range_sigma
+            )
+            terms.append([(common[i] - scale) / settings.range_scale_sigma])
+        return np.concatenate(terms)
 
     best = least_squares(
         residuals, np.zeros(31), x_scale="jac", xtol=1e-14, ftol=1e-14, max_nfev=2000
     )
-    spread = np.linalg.inv(best.jac.T @ best.jac)[18:20, 18:20]
+    position_covariance = np.linalg.inv(best.jac.T @ best.jac)[18:20, 18:20]
     assert navigator.x[[0, 1, 3, 2, 4, 5, 6]] == pytest.approx(
-        [*best.x[18:25]], abs=3e-2 * np.sqrt(spread.max())
+        [*best.x[18:25]], abs=3e-2 * np.sqrt(position_covariance.max())
     )
-    assert navigator.P[:2, :2] == pytest.approx(spread, rel=0.1, abs=0.05 * spread.max())
+    assert navigator.P[:2, :2] == pytest.approx(
+        position_covariance, rel=0.1, abs=0.05 * position_covariance.max()
+    )
     # with the heading, in units of the standard deviations
     covariance = np.linalg.inv(best.jac.T @ best.jac)[18:21, 18:21]
     sigmas = np.sqrt(np.diag(covariance))
@@ -387,24 +438,25 @@ def flight() -> Any:
 def test_a_rival_gives_the_same_step_by_step_as_over_a_mission(name: str, flight: Any) -> None:
     (measured,), (usbl,) = flight.measurements, flight.estimates
     settings, start = RivalSettings(lag=5.0, particles=200), usbl.state[0]
-    whole = by_name(name, settings, start).run(measured)
-    navigator, fixes, states, spreads = by_name(name, settings, start), [], [], []
-    for own, reception in measured.steps():
-        fixes += navigator.step(own, reception)
+    over_mission = navigator_of(name, settings, start).run(measured)
+    navigator, fixes, states, covariances = navigator_of(name, settings, start), [], [], []
+    for own_motion, reception in measured.steps():
+        fixes += navigator.step(own_motion, reception)
         states.append(navigator.state)
-        spreads.append(navigator.covariance)
-    np.testing.assert_array_equal(whole.state, states)
-    np.testing.assert_array_equal(whole.covariance, spreads)
-    assert whole.fix_kind.tolist() == [fix.kind for fix in fixes]
+        covariances.append(navigator.covariance)
+    np.testing.assert_array_equal(over_mission.state, states)
+    np.testing.assert_array_equal(over_mission.covariance, covariances)
+    assert over_mission.fix_kind.tolist() == [fix.kind for fix in fixes]
     kinds = {FixKind.LOST} if name == "dead-reckoning" else {FixKind.LOST, FixKind.RANGES}
-    assert set(whole.fix_kind.tolist()) == kinds
-    again = laisn_sim.navigate(
+    assert set(over_mission.fix_kind.tolist()) == kinds
+    renavigated = laisn_sim.navigate(
         flight, {"navigation.variant": name, "navigation.rival.particles": 200}
     )
-    assert np.isfinite(again.estimates[0].state).all()
+    assert np.isfinite(renavigated.estimates[0].state).all()
 
 
-def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
+def test_the_built_in_usbl_is_added_for_its_navigator_alone(flight: Any) -> None:
+    """As a sensor of a scenario it reads the direction of the front transmitter plus its bias."""
     assert flight.measurements[0].custom["bearing"].shape == (600, 2)
     assert (
         not laisn_sim.fly("T7", {"motion": "kinematic", "duration_s": 2.0}).measurements[0].custom
@@ -415,17 +467,18 @@ def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
         "azimuth_bias_deg": 2.0,
         "elevation_sigma_deg": 0.0,
     }
-    exact = laisn_sim.fly(
+    biased = laisn_sim.fly(
         "T7", {"motion": "kinematic", "duration_s": 20.0, "sensors.custom": [sensor]}
     )
-    (measured,), truth = exact.measurements, exact.trajectory
-    away = truth.site_path("leader/tx_front") - truth.site_path("follower/hydrophone")
-    direction = (
-        np.arctan2(*away[measured.message_step, :2].T) - truth.heading[measured.message_step, 1]
+    (measured,), truth = biased.measurements, biased.trajectory
+    to_leader = truth.site_path("leader/tx_front") - truth.site_path("follower/hydrophone")
+    true_azimuth = (
+        np.arctan2(*to_leader[measured.message_step, :2].T)
+        - truth.heading[measured.message_step, 1]
     )
-    actual = measured.custom["bearing"][measured.message_step - 1, 0]
+    azimuth = measured.custom["bearing"][measured.message_step - 1, 0]
     np.testing.assert_allclose(
-        np.cos(actual - direction), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
+        np.cos(azimuth - true_azimuth), np.cos(np.deg2rad(2.0)), rtol=0, atol=1e-9
     )
 
 
@@ -436,7 +489,9 @@ def test_a_shipped_usbl_is_there_for_its_navigator_alone(flight: Any) -> None:
         ({"navigation.assume.known_start": False}, "known_start"),
     ],
 )
-def test_settings_that_no_rival_has_are_refused(settings: dict[str, object], expected: str) -> None:
+def test_settings_that_rivals_cannot_use_are_refused(
+    settings: dict[str, object], expected: str
+) -> None:
     with pytest.raises(LaisnError, match=expected):
         laisn_sim.load("T5", {"navigation.variant": "particle", **settings})
 
@@ -466,79 +521,81 @@ def test_modes_of_speed_are_mixed_as_by_filterpy(monkeypatch: pytest.MonkeyPatch
     for k in range(1, 201):
         # the vehicle doubles its speed after 12 s
         speed = 1.0 if k < 120 else 2.0
-        place = 0.1 * k if k < 120 else 12.0 + 0.2 * (k - 120)
+        north = 0.1 * k if k < 120 else 12.0 + 0.2 * (k - 120)
         reading = speed + 0.1 + 0.2 * rng.normal()
         expected.predict()
         rows = [[0.0, 1.0, 1.0]]
         sigmas = [settings.speed_sigma]
-        numbers = [reading]
+        measured = [reading]
         reception = None
         if k % 10 == 0:
             # the front transmitter is 1 m ahead of the leader
-            distance = 101.0 - place + 0.05 * rng.normal()
+            distance = 101.0 - north + 0.05 * rng.normal()
             rows.append([-1.0, 0.0, 0.0])
             sigmas.append(0.05)
-            numbers.append(distance - 101.0)
+            measured.append(distance - 101.0)
             reception = Reception(message(0.0, 100.0), Ranges(np.nan, distance, np.nan))
         # one update a step: each of filterpy's changes the modes
         for kalman in filters:
-            kalman.dim_z = len(numbers)
+            kalman.dim_z = len(measured)
             kalman.H = np.array(rows)
             kalman.R = np.diag(np.square(sigmas))
-        expected.update(np.array(numbers).reshape(-1, 1))
+        expected.update(np.array(measured).reshape(-1, 1))
         navigator.step(OwnMotion(reading, 0.0, 10.0), reception)
-        along = [1, 3]
-        np.testing.assert_allclose(navigator.state[along], expected.x.ravel()[[0, 2]], atol=2e-5)
+        north_and_speed = [1, 3]
         np.testing.assert_allclose(
-            navigator.covariance[np.ix_(along, along)],
+            navigator.state[north_and_speed], expected.x.ravel()[[0, 2]], atol=2e-5
+        )
+        np.testing.assert_allclose(
+            navigator.covariance[np.ix_(north_and_speed, north_and_speed)],
             expected.P[np.ix_([0, 2], [0, 2])],
             rtol=1e-3,
             atol=1e-7,
         )
         weights = navigator.weights
-    # the quick mode took over in the jump and gave way again; both estimates agree on it
+    # the weights of the two modes at the end
     np.testing.assert_allclose(weights, expected.cbar, atol=1e-3)
 
 
-def leader_in_current(k: int, current: Floats, turn: float = 0.0) -> LeaderMessage:
+def leader_message(k: int, current: Floats, turn: float = 0.0) -> LeaderMessage:
     """A leader at 1.5 m/s through water that moves, a message a second."""
     heading = 0.4 + turn
-    way = k * (1.5 * np.array([np.sin(heading), np.cos(heading)]) + current)
-    return LeaderMessage(float(k), *way.tolist(), heading, 1.5, 10.0)
+    displacement = k * (1.5 * np.array([np.sin(heading), np.cos(heading)]) + current)
+    return LeaderMessage(float(k), *displacement.tolist(), heading, 1.5, 10.0)
 
 
 def test_the_leaders_track_shows_the_current() -> None:
-    """Windows of 1 s that grow to 10 s, and none with a turn."""
+    """Windows grow from 1 s to 10 s; there is none across a turn."""
     current = np.array([0.3, -0.2])
     track = LeaderTrack()
     times = []
     for k in range(80):
-        seen = track.receive(leader_in_current(k, current))
-        if seen is not None:
-            np.testing.assert_allclose(seen.current, current, atol=1e-12)
+        observation = track.receive(leader_message(k, current))
+        if observation is not None:
+            np.testing.assert_allclose(observation.current, current, atol=1e-12)
             window = k - (times[-1] if times else 0)
-            assert seen.variance == pytest.approx(0.05**2 * 10.0 / window)
+            assert observation.variance == pytest.approx(0.05**2 * 10.0 / window)
             times.append(k)
     windows = np.diff([0, *times])
     assert windows[0] <= 2
     assert np.all(np.diff(windows) >= 0)
     assert windows[-1] == 10
-    assert track.receive(leader_in_current(80, current, turn=0.3)) is None
+    assert track.receive(leader_message(80, current, turn=0.3)) is None
 
 
 @pytest.mark.parametrize("name", RIVALS)
 @pytest.mark.parametrize("current", [False, True])
 def test_all_rivals_take_the_current_from_the_leaders_track(name: str, current: bool) -> None:
     """A follower that rests in the water, beside the leader's start, and hears no range."""
-    flow = np.array([0.3, -0.2])
+    water_velocity = np.array([0.3, -0.2])
     settings = replace(SETTINGS, speed_sigma=0.01, assume=Assume(current=current))
-    navigator = by_name(name, replace(settings, **EXACT_LOG), np.zeros(4))
+    navigator = navigator_of(name, replace(settings, **EXACT_LOG), np.zeros(4))
     for k in range(1, 121):
         for _ in range(9):
             navigator.step(OwnMotion(0.0, 0.0, 10.0), None)
-        sent = Reception(leader_in_current(k, flow), Ranges(np.nan, np.nan, np.nan))
-        navigator.step(OwnMotion(0.0, 0.0, 10.0), sent)
-    expected = flow if current else np.zeros(2)
+        reception = Reception(leader_message(k, water_velocity), Ranges(np.nan, np.nan, np.nan))
+        navigator.step(OwnMotion(0.0, 0.0, 10.0), reception)
+    expected = water_velocity if current else np.zeros(2)
     np.testing.assert_allclose(navigator.state[2:], expected, atol=0.03)
 
 
@@ -547,4 +604,4 @@ def test_the_first_step_whose_readings_are_not_finite_is_named(flight: Any) -> N
     speed[[2, 6]] = np.nan, np.inf
     broken = replace(flight.measurements[0], speed=speed)
     with pytest.raises(LaisnError, match="step 3: log, compass or depth are not finite"):
-        by_name("ekf", SETTINGS, START).run(broken)
+        navigator_of("ekf", SETTINGS, START).run(broken)

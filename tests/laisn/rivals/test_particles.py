@@ -36,8 +36,8 @@ def test_particles_move_by_the_odometry_turned_by_their_compass_bias() -> None:
         bias = before[3]
         # a compass that reads too much has turned the way clockwise
         rotation = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
-        way = displacement - before[2] * path + root @ noise[:2]
-        expected = before[:2] + rotation @ way + 2.5 * before[5:]
+        unbiased = displacement - before[2] * path + root @ noise[:2]
+        expected = before[:2] + rotation @ unbiased + 2.5 * before[5:]
         np.testing.assert_allclose(after[:2], expected, atol=1e-12)
         np.testing.assert_allclose(after[[2, 3, 5, 6]], before[[2, 3, 5, 6]] + walks * noise[2:])
         assert after[4] == before[4]
@@ -54,14 +54,18 @@ def test_the_likelihood_is_the_density_of_a_normal_distribution(
     logarithm = log_likelihood(PARTICLES, transmitters, ranges, sigma)
     expected = []
     for particle in PARTICLES:
-        away = particle[:2] - transmitters[:, :2]
-        rho = np.hypot(np.hypot(away[:, 0], away[:, 1]), transmitters[:, 2])
-        share = rho / ranges.max()
-        unit = away / rho[:, None]
-        covariance = 0.3**2 * np.eye(len(received)) + 0.8**2 * np.outer(share, share)
+        offset = particle[:2] - transmitters[:, :2]
+        distance = np.hypot(np.hypot(offset[:, 0], offset[:, 1]), transmitters[:, 2])
+        scale_derivative = distance / ranges.max()
+        unit = offset / distance[:, None]
+        covariance = 0.3**2 * np.eye(len(received)) + 0.8**2 * np.outer(
+            scale_derivative, scale_derivative
+        )
         covariance += leader_sigma**2 * unit @ unit.T
         expected.append(
-            multivariate_normal.logpdf(ranges, rho + share * particle[4], covariance)
+            multivariate_normal.logpdf(
+                ranges, distance + scale_derivative * particle[4], covariance
+            )
             + 0.5 * len(received) * np.log(2.0 * np.pi)
         )
     np.testing.assert_allclose(logarithm, expected, rtol=1e-10)
@@ -70,11 +74,12 @@ def test_the_likelihood_is_the_density_of_a_normal_distribution(
 def test_a_particle_at_a_transmitter_has_a_likelihood() -> None:
     particles = np.zeros((1, 7))
     (logarithm,) = log_likelihood(particles, np.zeros((1, 3)), np.array([2.0]), (0.5, 0.0, 1.0))
+    # of N(0, 0.5²) at 2, without ½ log 2π: no direction, hence no error of the leader's position
     assert logarithm == pytest.approx(-0.5 * (2.0 / 0.5) ** 2 - np.log(0.5))
 
 
 def test_weights_are_multiplied_by_a_power_of_the_likelihood() -> None:
-    # numbers whose exponentials are beyond floating point
+    # logarithms whose exponentials underflow
     logarithm = 3.0 * RANDOM.standard_normal(40) - 5000.0
     product = WEIGHTS * np.exp(0.25 * (logarithm - logarithm.max()))
     np.testing.assert_allclose(
@@ -102,8 +107,8 @@ def test_ancestors_are_drawn_in_proportion_to_the_weights() -> None:
 
 @pytest.mark.system
 def test_particles_have_the_moments_of_the_exact_posterior() -> None:
-    """A ring of ranges through a prior of 2 m about a transmitter 4 m away is no Gaussian;
-    moments by integration.
+    """A prior of 2 m and one range to a transmitter 4 m away: the posterior is bent, no Gaussian;
+    its moments by integration on a grid.
     """
     settings = RivalSettings(
         particles=1_000_000,
@@ -123,8 +128,8 @@ def test_particles_have_the_moments_of_the_exact_posterior() -> None:
     density = np.exp(-(x**2 + y**2) / 8.0 - 0.5 * ((np.hypot(x, y - 4.0) - 4.5) / 0.5) ** 2)
     density /= density.sum()
     mean = np.array([(density * x).sum(), (density * y).sum()])
-    xx, yy = (density * (x - mean[0]) ** 2).sum(), (density * (y - mean[1]) ** 2).sum()
+    var_x, var_y = (density * (x - mean[0]) ** 2).sum(), (density * (y - mean[1]) ** 2).sum()
     assert navigator.state[:2] == pytest.approx(mean, abs=0.02)
     assert (navigator.covariance[0, 0], navigator.covariance[1, 1]) == pytest.approx(
-        (xx, yy), rel=0.03
+        (var_x, var_y), rel=0.03
     )
