@@ -1,4 +1,4 @@
-"""Attitude conventions, against scipy's rotations and hand-made cases."""
+"""Attitude conventions, against rotations of SciPy and cases by hand."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,9 @@ TILT = st.floats(-1.5, 1.5)
     ("heading_deg", "forward"),
     [(0, (0, 1, 0)), (90, (1, 0, 0)), (180, (0, -1, 0)), (270, (-1, 0, 0))],
 )
-def test_heading_is_compass(heading_deg: float, forward: tuple[float, float, float]) -> None:
+def test_heading_is_clockwise_from_north(
+    heading_deg: float, forward: tuple[float, float, float]
+) -> None:
     quaternion = attitude.from_euler(np.deg2rad(heading_deg))
     np.testing.assert_allclose(
         attitude.rotate(quaternion, np.array([1.0, 0, 0])), forward, atol=1e-15
@@ -24,14 +26,16 @@ def test_heading_is_compass(heading_deg: float, forward: tuple[float, float, flo
 
 
 def test_positive_pitch_lifts_the_bow_and_positive_roll_lowers_starboard() -> None:
-    up_bow = attitude.rotate(attitude.from_euler(0.7, pitch=0.1), np.array([1.0, 0, 0]))
+    bow = attitude.rotate(attitude.from_euler(0.7, pitch=0.1), np.array([1.0, 0, 0]))
     starboard = attitude.rotate(attitude.from_euler(0.7, roll=0.1), np.array([0.0, -1.0, 0]))
-    assert up_bow[2] == pytest.approx(np.sin(0.1))
+    assert bow[2] == pytest.approx(np.sin(0.1))
     assert starboard[2] == pytest.approx(-np.sin(0.1))
 
 
 @given(heading=ANGLE, pitch=TILT, roll=ANGLE)
-def test_angles_come_back(heading: float, pitch: float, roll: float) -> None:
+def test_angles_survive_the_conversion_to_a_quaternion_and_back(
+    heading: float, pitch: float, roll: float
+) -> None:
     quaternion = attitude.from_euler(heading, pitch, roll)
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)
     actual = attitude.heading_pitch_roll(quaternion)
@@ -71,25 +75,25 @@ def test_heading_is_within_one_turn(heading: float, pitch: float, roll: float) -
     )
 
 
-def test_slerp_agrees_with_scipy_and_takes_the_short_way() -> None:
+def test_slerp_agrees_with_scipy_and_takes_the_shorter_arc() -> None:
     start, end = attitude.from_euler(0.1, 0.2, -0.3), attitude.from_euler(1.4, -0.5, 0.2)
     fractions = np.linspace(0, 1, 7)
-    both = Rotation.from_quat(np.stack([start, end])[:, [1, 2, 3, 0]])
-    expected = Slerp([0, 1], both)(fractions).as_quat()[:, [3, 0, 1, 2]]
+    rotations = Rotation.from_quat(np.stack([start, end])[:, [1, 2, 3, 0]])
+    expected = Slerp([0, 1], rotations)(fractions).as_quat()[:, [3, 0, 1, 2]]
     for sign in (1, -1):
-        mixed = np.array([attitude.slerp(start, sign * end, u) for u in fractions])
-        same = np.abs(np.einsum("ni,ni->n", mixed, expected))
-        np.testing.assert_allclose(same, 1.0, atol=1e-14)
+        interpolated = np.array([attitude.slerp(start, sign * end, u) for u in fractions])
+        abs_dot_product = np.abs(np.einsum("ni,ni->n", interpolated, expected))
+        np.testing.assert_allclose(abs_dot_product, 1.0, atol=1e-14)
     np.testing.assert_array_equal(attitude.slerp(start, start, 0.3), start / np.linalg.norm(start))
 
 
-def test_attitudes_that_are_a_little_too_long_are_interpolated() -> None:
-    """Their product is above 1, of which there is no arc cosine."""
-    longer = attitude.from_euler(0.4, 0.1, -0.2) * (1.0 + 1e-9)
-    assert longer @ longer > 1.0
+def test_quaternions_a_little_longer_than_1_are_interpolated() -> None:
+    """Their scalar product exceeds 1, where the arc cosine is not defined."""
+    too_long = attitude.from_euler(0.4, 0.1, -0.2) * (1.0 + 1e-9)
+    assert too_long @ too_long > 1.0
     for sign in (1.0, -1.0):
-        assert attitude.slerp(longer, sign * longer, 0.3) == pytest.approx(
-            longer / np.linalg.norm(longer), rel=1e-12
+        assert attitude.slerp(too_long, sign * too_long, 0.3) == pytest.approx(
+            too_long / np.linalg.norm(too_long), rel=1e-12
         )
 
 
@@ -99,7 +103,7 @@ def test_angles_of_many_attitudes_have_their_shape() -> None:
         .as_quat()[:, [3, 0, 1, 2]]
         .reshape(2, 3, 4, 4)
     )
-    one = attitude.heading_pitch_roll(quaternion[1, 2, 3])
-    for many, angle in zip(attitude.heading_pitch_roll(quaternion), one, strict=True):
-        assert many.shape == (2, 3, 4)
-        assert many[1, 2, 3] == angle
+    angles_of_one = attitude.heading_pitch_roll(quaternion[1, 2, 3])
+    for angles, angle in zip(attitude.heading_pitch_roll(quaternion), angles_of_one, strict=True):
+        assert angles.shape == (2, 3, 4)
+        assert angles[1, 2, 3] == angle

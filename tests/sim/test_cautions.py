@@ -17,7 +17,7 @@ from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
 from sim.scenario.settings import Scenario
 
-QUIET = {
+NO_ERRORS = {
     "motion": "kinematic",
     "duration_s": 120.0,
     "navigation.variant": "tight",
@@ -28,61 +28,65 @@ QUIET = {
     "acoustics.range_scale_mean_m": 0.0,
     "acoustics.range_scale_sigma_m": 0.0,
 }
-NAMES = ("rear", "front", "middle")
+TRANSMITTERS = ("rear", "front", "middle")
 
 
 def scenario_of(changes: dict[str, Any]) -> Scenario:
-    return as_scenario("T7", {**QUIET, **changes})
+    return as_scenario("T7", {**NO_ERRORS, **changes})
 
 
-def flown(changes: dict[str, Any]) -> FlightRecord:
+def fly_with(changes: dict[str, Any]) -> FlightRecord:
     flight, _ = fly(scenario_of(changes))
     return flight
 
 
 @pytest.fixture(scope="module")
-def quiet() -> FlightRecord:
-    return flown({})
+def without_errors() -> FlightRecord:
+    """The flight of no cautions, with which others are compared."""
+    return fly_with({})
 
 
-def the_caution(changes: dict[str, Any]) -> str:
+def only_caution(changes: dict[str, Any]) -> str:
+    """The caution of a scenario that has exactly one."""
     (line,) = cautions(scenario_of(changes))
     return line
 
 
-def stated(line: str) -> float:
-    """The last number of metres before the assumption."""
+def stated_metres(line: str) -> float:
+    """The last number of metres in a caution, before the semicolon."""
     return float(re.findall(r"([\d.]+) m\b", line.split(";")[0])[-1])
 
 
-def test_a_mission_without_such_errors_has_no_cautions(quiet: FlightRecord) -> None:
-    assert cautions(quiet.scenario) == []
+def test_a_mission_without_such_errors_has_no_cautions(without_errors: FlightRecord) -> None:
+    assert cautions(without_errors.scenario) == []
 
 
-def test_clocks_that_differ_change_every_range_by_what_is_stated(quiet: FlightRecord) -> None:
+def test_clocks_that_differ_change_every_range_by_what_is_stated(
+    without_errors: FlightRecord,
+) -> None:
     changes = {"acoustics.clock_offset_s": 1e-3, "acoustics.clock_drift_ppm": 5.0}
-    line = the_caution(changes)
-    error = flown(changes).measurements[0].ranges - quiet.measurements[0].ranges
+    line = only_caution(changes)
+    error = fly_with(changes).measurements[0].ranges - without_errors.measurements[0].ranges
     assert clock_error_s(SensingSettings.of(scenario_of(changes))) == pytest.approx(
         1e-3 + 5e-6 * 120.0
     )
-    assert stated(line) == pytest.approx(1500.0 * 1.6e-3)
+    assert stated_metres(line) == pytest.approx(1500.0 * 1.6e-3)
     assert np.nanmax(np.abs(error)) == pytest.approx(2.4, rel=0.02)
     assert line.endswith("navigation.assume.clock = false assumes equal clocks")
     assert cautions(scenario_of({**changes, "navigation.assume.clock": True})) == []
 
 
-def test_pings_in_slots_change_ranges_by_what_is_stated(quiet: FlightRecord) -> None:
-    """The middle ping goes two slots after the rear one."""
+def test_pings_in_slots_change_ranges_by_what_is_stated(without_errors: FlightRecord) -> None:
+    """The middle ping leaves two slots after the rear one."""
     changes = {"acoustics.ping_slot_s": 0.2}
     slot_m = 0.2 * max_range_rate(MissionPlan.of(scenario_of(changes)))
-    in_slots = flown(changes).measurements[0].ranges
-    # the last message ends after the mission
-    error = np.abs(in_slots - quiet.measurements[0].ranges[: len(in_slots)])
-    middle = float(np.nanmax(error[:, NAMES.index("middle")]))
-    assert 0.5 * 2.0 * slot_m < middle < 1.2 * 2.0 * slot_m
+    in_slots = fly_with(changes).measurements[0].ranges
+    # the last message with slots ends after the mission
+    error = np.abs(in_slots - without_errors.measurements[0].ranges[: len(in_slots)])
+    largest_of_middle = float(np.nanmax(error[:, TRANSMITTERS.index("middle")]))
+    assert 0.5 * 2.0 * slot_m < largest_of_middle < 1.2 * 2.0 * slot_m
     if lines := cautions(scenario_of(changes)):
-        assert stated(lines[0].replace("of a baseline of 2 m", "")) == pytest.approx(
+        assert stated_metres(lines[0].replace("of a baseline of 2 m", "")) == pytest.approx(
             slot_m, rel=0.05
         )
 
@@ -93,46 +97,50 @@ def position_error(flight: FlightRecord) -> float:
     return float(errors[errors.size // 2 :].mean())
 
 
-def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(quiet: FlightRecord) -> None:
+def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(
+    without_errors: FlightRecord,
+) -> None:
     changes = {"sensors.leader_heading_bias_deg": 5.0}
-    line = the_caution(changes)
-    flight = flown(changes)
-    away = distances(MissionPlan.of(flight.scenario), flight.scenario.followers[0])
-    turned = 2.0 * math.sin(math.radians(2.5))
-    assert stated(line) == pytest.approx(turned * away.max(), rel=0.05)
-    expected = turned * away[away.size // 2 :].mean()
+    line = only_caution(changes)
+    flight = fly_with(changes)
+    distance = distances(MissionPlan.of(flight.scenario), flight.scenario.followers[0])
+    chord_per_metre = 2.0 * math.sin(math.radians(2.5))
+    assert stated_metres(line) == pytest.approx(chord_per_metre * distance.max(), rel=0.05)
+    expected = chord_per_metre * distance[distance.size // 2 :].mean()
     messages = flight.measurements[0].message
-    off = messages[:, 3] - quiet.measurements[0].message[:, 3]
-    assert np.rad2deg(off) == pytest.approx(np.full(len(off), 5.0))
-    # the filter takes the contradiction for errors of its own sensors beside
+    heading_error = messages[:, 3] - without_errors.measurements[0].message[:, 3]
+    assert np.rad2deg(heading_error) == pytest.approx(np.full(len(heading_error), 5.0))
+    # the filter ascribes a part of the contradiction to errors of the follower's own sensors
     assert position_error(flight) > 0.8 * expected
-    assert position_error(quiet) < 0.2 * expected
-    estimated = {**changes, "navigation.assume.exact_leader": False}
-    assert cautions(scenario_of(estimated)) == []
+    assert position_error(without_errors) < 0.2 * expected
+    with_estimated_bias = {**changes, "navigation.assume.exact_leader": False}
+    assert cautions(scenario_of(with_estimated_bias)) == []
 
 
-def test_a_bias_in_the_leaders_own_table_is_stated_as_that_of_its_messages() -> None:
-    bias = the_caution({"sensors.leader_heading_bias_deg": 5.0})
-    assert the_caution({"leader.sensors.heading_bias_deg": 5.0}) == bias
-    both = {"sensors.leader_heading_bias_deg": 5.0, "leader.sensors.heading_bias_deg": 0.0}
-    assert cautions(scenario_of(both)) == []
+def test_a_bias_by_leader_sensors_is_stated_as_one_by_sensors() -> None:
+    line = only_caution({"sensors.leader_heading_bias_deg": 5.0})
+    assert only_caution({"leader.sensors.heading_bias_deg": 5.0}) == line
+    overridden = {"sensors.leader_heading_bias_deg": 5.0, "leader.sensors.heading_bias_deg": 0.0}
+    assert cautions(scenario_of(overridden)) == []
 
 
-def test_a_reach_below_the_planned_distances_is_stated() -> None:
+def test_a_maximum_range_below_the_planned_distances_is_stated() -> None:
     plan = MissionPlan.of(scenario_of({}))
     (follower,) = plan.followers
-    ways = np.hypot(distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m)
-    reach = float(np.median(ways))
-    line = the_caution({"acoustics.max_range_m": reach})
-    assert line.startswith(f"messages reach {reach:g} m, and ")
+    slant_ranges = np.hypot(
+        distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m
+    )
+    max_range = float(np.median(slant_ranges))
+    line = only_caution({"acoustics.max_range_m": max_range})
+    assert line.startswith(f"messages reach {max_range:g} m, and ")
     assert "50% of the planned distances are longer" in line
-    assert stated(line) == pytest.approx(ways.max(), rel=0.01)
-    assert cautions(scenario_of({"acoustics.max_range_m": ways.max() + 0.1})) == []
+    assert stated_metres(line) == pytest.approx(slant_ranges.max(), rel=0.01)
+    assert cautions(scenario_of({"acoustics.max_range_m": slant_ranges.max() + 0.1})) == []
 
 
-def test_biases_that_drift_are_stated_where_they_are_taken_for_constants() -> None:
+def test_biases_that_drift_are_stated_where_navigators_assume_constant_ones() -> None:
     changes = {"sensors.speed_drift_m_s": 0.1, "sensors.heading_drift_deg": -4.0}
-    line = the_caution(changes)
+    line = only_caution(changes)
     assert (
         "the log's bias drifts by up to 0.1 m/s and the compass's bias drifts by up to 4°" in line
     )
@@ -142,7 +150,9 @@ def test_biases_that_drift_are_stated_where_they_are_taken_for_constants() -> No
 
 
 @pytest.mark.system
-def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightRecord) -> None:
+def test_common_echoes_are_longer_than_the_span_by_what_is_stated(
+    without_errors: FlightRecord,
+) -> None:
     changes = {
         "acoustics.common_echoes": True,
         "acoustics.surface_echo_probability": 1.0,
@@ -150,10 +160,10 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightR
         "followers.0.depth_m": 20.0,
         "navigation.variant": "ekf",
     }
-    line = the_caution(changes)
-    direct = flown({**changes, "acoustics.surface_echo_probability": 0.0})
-    delay = flown(changes).measurements[0].ranges - direct.measurements[0].ranges
-    assert stated(line.replace("beyond the 4.5 m", "")) == pytest.approx(
+    line = only_caution(changes)
+    direct = fly_with({**changes, "acoustics.surface_echo_probability": 0.0})
+    delay = fly_with(changes).measurements[0].ranges - direct.measurements[0].ranges
+    assert stated_metres(line.replace("beyond the 4.5 m", "")) == pytest.approx(
         echo_excess_m(SoundSettings.of(scenario_of(changes))), rel=0.05
     )
     assert np.nanmax(delay) == pytest.approx(
@@ -165,37 +175,39 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(quiet: FlightR
     assert cautions(scenario_of({**changes, "acoustics.common_echoes": False})) == []
 
 
-def test_followers_drift_with_the_position_that_the_leader_broadcasts(quiet: FlightRecord) -> None:
+def test_followers_drift_with_the_position_that_the_leader_broadcasts(
+    without_errors: FlightRecord,
+) -> None:
     changes = {"sensors.leader_position_drift_m_s": 0.05}
-    line = the_caution(changes)
-    assert stated(line) == pytest.approx(6.0)
-    end = position_and_bearing_errors(flown(changes))[0][0][-1]
-    assert end == pytest.approx(6.0, rel=0.15)
+    line = only_caution(changes)
+    assert stated_metres(line) == pytest.approx(6.0)
+    final_error = position_and_bearing_errors(fly_with(changes))[0][0][-1]
+    assert final_error == pytest.approx(6.0, rel=0.15)
 
 
 def test_random_errors_of_the_broadcast_position_are_stated_where_not_assumed() -> None:
-    """A walk grows with the root of time; what estimates a scatter does not estimate a walk."""
-    sigma, walk = "leader_position_sigma_m", "leader_position_walk_m_sqrt_s"
-    line = the_caution({f"sensors.{sigma}": 0.5})
-    assert stated(line) == pytest.approx(0.5)
-    assert f"navigation.assume.{sigma} = 0 assumes an exact position" in line
-    line = the_caution({f"sensors.{walk}": 0.1, f"navigation.assume.{sigma}": 0.5})
-    assert stated(line) == pytest.approx(0.1 * math.sqrt(120.0), rel=0.01)
-    for key in (sigma, walk):
+    """A random walk grows with the root of time; assuming white errors does not cover a walk."""
+    sigma_key, walk_key = "leader_position_sigma_m", "leader_position_walk_m_sqrt_s"
+    line = only_caution({f"sensors.{sigma_key}": 0.5})
+    assert stated_metres(line) == pytest.approx(0.5)
+    assert f"navigation.assume.{sigma_key} = 0 assumes an exact position" in line
+    line = only_caution({f"sensors.{walk_key}": 0.1, f"navigation.assume.{sigma_key}": 0.5})
+    assert stated_metres(line) == pytest.approx(0.1 * math.sqrt(120.0), rel=0.01)
+    for key in (sigma_key, walk_key):
         changes = {f"sensors.{key}": 0.5, f"navigation.assume.{key}": 0.5}
         assert cautions(scenario_of(changes)) == []
         assert cautions(scenario_of({f"sensors.{key}": 0.005})) == []
 
 
-def test_a_current_carries_vehicles_beside_what_logs_and_compasses_tell() -> None:
+def test_a_current_adds_a_drift_that_logs_and_compasses_do_not_measure() -> None:
     changes = {
         "motion": "physics",
         "duration_s": 20.0,
         "ocean.current_speed_m_s": 0.3,
         "ocean.current_direction_deg": 90.0,
     }
-    assert the_caution(changes).startswith("there is a current; ")
-    truth = flown(changes).trajectory
+    assert only_caution(changes).startswith("there is a current; ")
+    truth = fly_with(changes).trajectory
     heading = truth.heading[:, 1]
     through_water = truth.forward_speed[:, 1] * np.sin(heading)
     drift = np.mean(truth.velocity[:, 1, 0] - through_water)
@@ -212,8 +224,8 @@ def test_every_key_of_a_rule_exists_and_the_command_prints_cautions_first() -> N
         if rule.assumption:
             section, name = rule.assumption.split(".")
             assert name in table["navigation"][section]
-    words = ["check", "T5", "--set", "acoustics.clock_offset_s=0.001"]
-    result = CliRunner().invoke(app, words)
+    arguments = ["check", "T5", "--set", "acoustics.clock_offset_s=0.001"]
+    result = CliRunner().invoke(app, arguments)
     assert result.output.startswith("warning: the clocks differ by up to 1 ms")
-    quiet_words = ["check", "T5", "--set", "acoustics.clock_offset_s=1e-5"]
-    assert "warning" not in CliRunner().invoke(app, quiet_words).output
+    arguments_without_caution = ["check", "T5", "--set", "acoustics.clock_offset_s=1e-5"]
+    assert "warning" not in CliRunner().invoke(app, arguments_without_caution).output

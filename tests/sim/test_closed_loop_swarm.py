@@ -1,5 +1,5 @@
-"""A swarm that steers by its estimates: these are those of its measurements afterwards, and its
-updates are counted.
+"""A swarm that steers by its estimates: navigation after the mission gives the same estimates and
+numbers of rejected fixes.
 """
 
 import numpy as np
@@ -13,7 +13,9 @@ from sim.scenario.file import validate
 
 @pytest.mark.system
 @pytest.mark.parametrize("variant", ["laisn-2", "tight"])
-def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(variant: str) -> None:
+def test_navigation_after_the_mission_gives_the_estimates_that_steered_a_swarm(
+    variant: str,
+) -> None:
     """Among echoes, so that some fixes are rejected and some are not."""
     stations = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0)]
     table = {
@@ -22,20 +24,22 @@ def test_what_steered_a_swarm_is_what_navigators_make_of_its_measurements(varian
         "navigation": {"variant": variant},
         "acoustics": {"surface_echo_probability": 0.5},
         "followers": [
-            {"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in stations
+            {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
+            for behind, port, depth in stations
         ],
     }
     scenario = validate(table, "test")
     trajectory, loop = simulate_closed_loop(scenario)
-    steered = loop.state.concluded.state
+    estimated_in_flight = loop.state.concluded.state
     gated = loop.gated
     flight = navigate(scenario, trajectory)
     assert trajectory.time[-1] == pytest.approx(12.0)
     for i, estimates in enumerate(flight.estimates):
-        np.testing.assert_allclose(steered[i], estimates.state, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(estimated_in_flight[i], estimates.state, rtol=0, atol=1e-9)
         assert gated[i] == np.count_nonzero(estimates.fix_kind == FixKind.GATED)
     if variant == "tight":
-        # what is an echo is left out, or taken for one that all ranges share, and not rejected
+        # a range by an echo is left out, or all ranges are taken to share an echo; no fix is
+        # rejected
         kinds = np.concatenate([estimates.fix_kind for estimates in flight.estimates])
         assert {FixKind.PARTLY, FixKind.RANGES} <= {*kinds.tolist()}
         return

@@ -1,5 +1,5 @@
-"""Controllers and navigators of the user's own in the closed loop: commands, wrenches,
-effectors, readings.
+"""Controllers and navigators by plugins in the closed loop: commands, wrenches, effectors,
+readings.
 """
 
 from typing import Any
@@ -13,7 +13,8 @@ from laisn.plugins import register, takes_readings
 from sim.closed_loop import simulate_closed_loop
 from sim.flight import FlightRecord, navigate
 
-SEEN: dict[str, list[Any]] = {}
+CALLS: dict[str, list[Any]] = {}
+"""Readings, estimate and time step of each call of a controller, by the name of its follower."""
 EAST = np.pi / 2
 
 
@@ -21,15 +22,15 @@ class Holding:
     """Holds a heading, a speed and a depth, and records what it is called with."""
 
     def __init__(self, follower: Any) -> None:
-        self.seen = SEEN[follower.name] = []
+        self.calls = CALLS[follower.name] = []
 
     def control(self, readings: Any, belief: Any, dt: float) -> Any:
-        self.seen.append((readings, belief, dt))
+        self.calls.append((readings, belief, dt))
         return EAST, 1.2, 11.0
 
 
 class Turning:
-    """A wrench that turns to port, while thrust holds nothing."""
+    """Commands a wrench: a constant force ahead, and a moment to port that damps the turn."""
 
     def __init__(self, follower: Any) -> None:
         pass
@@ -38,8 +39,8 @@ class Turning:
         return laisn_sim.Wrench(surge=5.0, yaw=2.0 - 4.0 * readings.yaw_rate)
 
 
-class Still:
-    """All effectors at rest."""
+class AtRest:
+    """Commands all effectors to rest."""
 
     def __init__(self, follower: Any) -> None:
         pass
@@ -48,39 +49,40 @@ class Still:
         return np.zeros(5)
 
 
-class Wrong(Still):
-    """No command."""
+class ReturnsText(AtRest):
+    """Returns what is no command."""
 
     def control(self, readings: Any, belief: Any, dt: float) -> Any:
         return "fast"
 
 
-class Low:
-    """A controller of all vehicles, which takes no readings."""
+class WithoutReadings:
+    """A controller of all vehicles by the truth, which takes no readings."""
 
     def control(self, k: int, truth: Any) -> None: ...
 
 
-def followers(*made: type) -> list[dict[str, Any]]:
-    apart = [[0.0, 0.0], [0.0, -20.0], [-20.0, -10.0]]
+def followers(*controllers: type) -> list[dict[str, Any]]:
+    """A follower for each controller, on parallel routes eastwards."""
+    starts = [[0.0, 0.0], [0.0, -20.0], [-20.0, -10.0]]
     return [
         {
-            "name": one.__name__,
-            "controller": register(one),
+            "name": controller.__name__,
+            "controller": register(controller),
             "depth_m": 11.0,
             "waypoints": [[0.0, east - 30.0, north], [300.0, east + 270.0, north]],
         }
-        for one, (east, north) in zip(made, apart, strict=False)
+        for controller, (east, north) in zip(controllers, starts, strict=False)
     ]
 
 
 @pytest.fixture(scope="module")
-def flown() -> tuple[FlightRecord, Any]:
+def flight_and_loop() -> tuple[FlightRecord, Any]:
     station = {"name": "station", "station": {"behind_m": 45.0, "port_m": 10.0, "depth_m": 14.0}}
     table = {
         "name": "own",
         "duration_s": 40.0,
-        "followers": [*followers(Holding, Turning, Still), station],
+        "followers": [*followers(Holding, Turning, AtRest), station],
         "navigation": {"variant": "inverted-usbl"},
         "leader": {"broadcast_attitude": True},
     }
@@ -89,67 +91,71 @@ def flown() -> tuple[FlightRecord, Any]:
     return navigate(scenario, trajectory), loop
 
 
-def test_a_command_is_held_by_the_autopilot(flown: tuple[FlightRecord, Any]) -> None:
-    motion = flown[0].trajectory
-    # of the compass, which reads 6.6° too much, the navigator has estimated most; readings
-    # themselves would give 83.4°
+def test_a_command_is_held_by_the_autopilot(flight_and_loop: tuple[FlightRecord, Any]) -> None:
+    motion = flight_and_loop[0].trajectory
+    # the compass reads 6.6° too much, of which the navigator has estimated most; by the readings
+    # alone the heading would be 83.4°
     assert np.rad2deg(motion.heading[-50:, 1]).mean() == pytest.approx(90.0, abs=3.0)
     assert motion.depth[-50:, 1].mean() == pytest.approx(11.0, abs=0.3)
     assert 0.9 < np.hypot(*motion.velocity[-50:, 1, :2].T).mean() < 1.5
 
 
-def test_a_wrench_turns_and_drives_the_hull(flown: tuple[FlightRecord, Any]) -> None:
-    motion = flown[0].trajectory
+def test_a_wrench_turns_and_drives_the_hull(flight_and_loop: tuple[FlightRecord, Any]) -> None:
+    motion = flight_and_loop[0].trajectory
     assert np.unwrap(motion.heading[:, 2])[-1] < np.unwrap(motion.heading[:, 2])[0] - 1.0
     forces = motion.effector_states[100:, 2] @ motion.effector_force[2][:, 0]
     assert forces.mean() == pytest.approx(5.0, rel=0.05)
 
 
-def test_effectors_at_rest_leave_the_hull_to_its_drag(flown: tuple[FlightRecord, Any]) -> None:
-    motion = flown[0].trajectory
+def test_effectors_at_rest_leave_the_hull_to_its_drag(
+    flight_and_loop: tuple[FlightRecord, Any],
+) -> None:
+    motion = flight_and_loop[0].trajectory
     assert np.abs(motion.effector_states[100:, 3]).max() < 1e-6
     speed = np.hypot(*motion.velocity[:, 3, :2].T)
     assert speed[-1] < 0.5 * speed[0]
 
 
-def test_readings_and_estimates_are_those_of_the_finished_mission(
-    flown: tuple[FlightRecord, Any],
+def test_readings_and_estimates_are_those_of_navigation_after_the_mission(
+    flight_and_loop: tuple[FlightRecord, Any],
 ) -> None:
-    """Also those of a navigator that uses bearings, which the loop measures at each message."""
-    flight, loop = flown
-    measured, estimates, calls = flight.measurements[0], flight.estimates[0], SEEN["Holding"]
+    """For a navigator that uses bearings, which the loop measures at each message."""
+    flight, loop = flight_and_loop
+    measured, estimates, calls = flight.measurements[0], flight.estimates[0], CALLS["Holding"]
     assert len(calls) == 401
-    readings, beliefs = [c[0] for c in calls[1:]], [c[1] for c in calls[1:]]
-    np.testing.assert_allclose([r.speed for r in readings], measured.speed, atol=1e-9)
-    np.testing.assert_allclose([r.heading for r in readings], measured.heading, atol=1e-9)
-    received = [k for k, r in enumerate(readings, start=1) if r.reception is not None]
+    readings, beliefs = [call[0] for call in calls[1:]], [call[1] for call in calls[1:]]
+    np.testing.assert_allclose([reading.speed for reading in readings], measured.speed, atol=1e-9)
+    np.testing.assert_allclose(
+        [reading.heading for reading in readings], measured.heading, atol=1e-9
+    )
+    received = [k for k, reading in enumerate(readings, start=1) if reading.reception is not None]
     assert received == measured.message_step.tolist()
     bearings = [readings[k - 1].reception.bearing for k in received]
     np.testing.assert_allclose(
         bearings, measured.custom["bearing"][np.array(received) - 1], atol=1e-9
     )
-    # 5° and the mean of a one-sided error of 2°, within some standard deviations of an azimuth
+    # a bias of 5° and the mean of the absolute value of an error of 2°, 2° √(2/π)
     assert np.rad2deg(beliefs[-1].compass_bias) == pytest.approx(
         5.0 + 2.0 * np.sqrt(2.0 / np.pi), abs=3.0
     )
     np.testing.assert_allclose(
-        [(b.east, b.north) for b in beliefs], estimates.state[:, :2], atol=1e-6
+        [(belief.east, belief.north) for belief in beliefs], estimates.state[:, :2], atol=1e-6
     )
-    for i, actual in enumerate(flight.estimates):
+    for i, estimates_of_follower in enumerate(flight.estimates):
         np.testing.assert_allclose(
-            loop.state.concluded.state[i, :, :2], actual.state[:, :2], atol=1e-6
+            loop.state.concluded.state[i, :, :2], estimates_of_follower.state[:, :2], atol=1e-6
         )
     assert {dt for *_, dt in calls} == {0.1}
 
 
-def test_a_command_of_another_kind_is_refused_by_the_name_of_its_follower() -> None:
+def test_a_return_value_that_is_no_command_is_refused_with_the_follower_named() -> None:
     with pytest.raises(
         LaisnError,
         match=r"controller of follower returned 'fast'; expected heading, speed and depth",
     ):
-        laisn_sim.fly("T5", {"duration_s": 2.0}, controller=Wrong, navigator=Odometer)
-    assert takes_readings(Wrong)
-    assert not takes_readings(Low)
+        laisn_sim.fly("T5", {"duration_s": 2.0}, controller=ReturnsText, navigator=Odometer)
+    assert takes_readings(ReturnsText)
+    assert not takes_readings(WithoutReadings)
 
 
 class Odometer:
@@ -165,10 +171,10 @@ class Odometer:
 
 def test_a_navigator_of_a_script_flies() -> None:
     flight = laisn_sim.fly("T5", {"duration_s": 2.0, "motion": "kinematic"}, navigator=Odometer)
-    (measured,), (actual,) = flight.measurements, flight.estimates
-    east = 0.1 * (measured.speed * np.sin(measured.heading)).sum()
-    first = actual.state[0, 0] - 0.1 * measured.speed[0] * np.sin(measured.heading[0])
-    assert actual.state[-1, 0] == pytest.approx(first + east)
+    (measured,), (estimates,) = flight.measurements, flight.estimates
+    distance_east = 0.1 * (measured.speed * np.sin(measured.heading)).sum()
+    first_step_start = estimates.state[0, 0] - 0.1 * measured.speed[0] * np.sin(measured.heading[0])
+    assert estimates.state[-1, 0] == pytest.approx(first_step_start + distance_east)
 
 
 @pytest.mark.parametrize(
@@ -193,4 +199,4 @@ def test_a_class_without_readings_is_no_controller_of_a_follower() -> None:
     with pytest.raises(
         LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"
     ):
-        laisn_sim.load("T5", {"followers.0.controller": register(Low)})
+        laisn_sim.load("T5", {"followers.0.controller": register(WithoutReadings)})

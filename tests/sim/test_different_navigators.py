@@ -1,4 +1,6 @@
-"""Followers of one mission that navigate differently: each as in a mission of its own kind."""
+"""Followers of one mission that navigate differently: each as in a mission in which all navigate
+like it.
+"""
 
 import json
 import re
@@ -23,8 +25,8 @@ pytestmark = pytest.mark.usefixtures("no_plugins")
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "links.md"
 BEACONS = [[-50.0, -50.0, 5.0], [150.0, -50.0, 25.0], [50.0, 120.0, 12.0]]
-LINE = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
-OWN: dict[str, dict[str, Any]] = {
+LINE_WAYPOINTS = [[0.0, 0.0, -20.0], [100.0, 80.0, 40.0]]
+OWN_NAVIGATION: dict[str, dict[str, Any]] = {
     "sure": {},
     "surer": {},
     "two": {"assume": {"transmitters": 2}, "sound_speed": "straight"},
@@ -33,14 +35,19 @@ OWN: dict[str, dict[str, Any]] = {
     "usbl": {"variant": "inverted-usbl", "further_links": []},
 }
 """Keys of each follower's own navigation by its name."""
-COMMON: dict[str, Any] = {"variant": "tight", "assume": {"range_scale_sigma_m": 0.07}}
+COMMON_NAVIGATION: dict[str, Any] = {"variant": "tight", "assume": {"range_scale_sigma_m": 0.07}}
+"""Keys of `[navigation]`, which hold where a follower sets none."""
 
 
 def mission(**changes: Any) -> dict[str, Any]:
     """Followers that differ in how they navigate, behind a leader, among beacons."""
     followers = []
-    for i, (name, navigation) in enumerate(OWN.items()):
-        follower: dict[str, Any] = {"name": name, "waypoints": LINE, "depth_m": 8.0 + 2.0 * i}
+    for i, (name, navigation) in enumerate(OWN_NAVIGATION.items()):
+        follower: dict[str, Any] = {
+            "name": name,
+            "waypoints": LINE_WAYPOINTS,
+            "depth_m": 8.0 + 2.0 * i,
+        }
         followers.append({**follower, "navigation": navigation} if navigation else follower)
     return {
         "duration_s": 20.0,
@@ -52,16 +59,16 @@ def mission(**changes: Any) -> dict[str, Any]:
             "sound_speed_profile": [[0.0, 1490.0], [30.0, 1510.0]],
         },
         "links": [{"name": "lbl", "beacons_m": BEACONS, "interval_s": 2.0}],
-        "navigation": COMMON,
+        "navigation": COMMON_NAVIGATION,
         "followers": followers,
         **changes,
     }
 
 
-def alike(table: dict[str, Any], name: str) -> dict[str, Any]:
+def mission_of_one_kind(table: dict[str, Any], name: str) -> dict[str, Any]:
     """The mission in which all followers navigate as this one."""
-    navigation = {**COMMON, **OWN[name]}
-    navigation["assume"] = {**COMMON["assume"], **OWN[name].get("assume", {})}
+    navigation = {**COMMON_NAVIGATION, **OWN_NAVIGATION[name]}
+    navigation["assume"] = {**COMMON_NAVIGATION["assume"], **OWN_NAVIGATION[name].get("assume", {})}
     followers = [
         {key: value for key, value in follower.items() if key != "navigation"}
         for follower in table["followers"]
@@ -70,28 +77,30 @@ def alike(table: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def require_same(mixed: laisn_sim.Flight, alone: laisn_sim.Flight, follower: int) -> None:
-    """One follower of two flights has measured and concluded the same, to the bit."""
-    first = mixed.measurements[follower]
-    second = alone.measurements[follower]
+    """Requires that a follower has the same measurements and estimates in two flights, to the
+    bit.
+    """
+    measured = mixed.measurements[follower]
+    measured_alone = alone.measurements[follower]
     for name in ("speed", "heading", "depth", "message_step", "message", "ranges"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    assert list(first.custom) == list(second.custom)
-    for sensor, readings in first.custom.items():
-        np.testing.assert_array_equal(readings, second.custom[sensor])
-    one = mixed.estimates[follower]
-    other = alone.estimates[follower]
-    assert type(one) is type(other)
-    for name, values in vars(one).items():
-        np.testing.assert_array_equal(values, getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(measured, name), getattr(measured_alone, name))
+    assert list(measured.custom) == list(measured_alone.custom)
+    for sensor, readings in measured.custom.items():
+        np.testing.assert_array_equal(readings, measured_alone.custom[sensor])
+    expected = mixed.estimates[follower]
+    actual = alone.estimates[follower]
+    assert type(expected) is type(actual)
+    for name, array in vars(expected).items():
+        np.testing.assert_array_equal(array, getattr(actual, name), err_msg=name)
 
 
 def test_followers_navigate_as_in_missions_of_their_kinds() -> None:
     mixed = laisn_sim.fly(mission())
-    for i, name in enumerate(OWN):
-        require_same(mixed, laisn_sim.fly(alike(mission(), name)), i)
+    for i, name in enumerate(OWN_NAVIGATION):
+        require_same(mixed, laisn_sim.fly(mission_of_one_kind(mission(), name)), i)
     kinds = [type(estimates) for estimates in mixed.estimates]
     assert kinds[:4] == [TightEstimates, TightEstimates, TightEstimates, Estimates]
-    # the followers do not hear the same: one waits for two pings, one for beacons every 2 s
+    # the follower among beacons receives a message every 2 s, the first one every second
     received = [len(measured.message) for measured in mixed.measurements]
     assert received[4] < 0.6 * received[0]
     assert list(mixed.measurements[5].custom) == ["bearing"]
@@ -99,8 +108,8 @@ def test_followers_navigate_as_in_missions_of_their_kinds() -> None:
 
 
 def test_bounds_follow_from_the_sound_that_each_follower_receives() -> None:
-    """Positions of transmitters follow from the messages of the flight; here they are those of the
-    sound that is followed once more.
+    """Bounds of a flight take the positions of transmitters from its messages; the expected ones
+    take them from sound that is propagated once more along the trajectory.
     """
     table = mission()
     table["acoustics"] |= {"loss_probability": 0.3}
@@ -119,20 +128,20 @@ def test_bounds_follow_from_the_sound_that_each_follower_receives() -> None:
 
 @pytest.mark.system
 def test_followers_steer_by_their_own_navigators_in_a_closed_loop() -> None:
-    steering = {"motion": "physics", "duration_s": 8.0}
-    table = mission(**steering)
+    in_closed_loop = {"motion": "physics", "duration_s": 8.0}
+    table = mission(**in_closed_loop)
     for follower in table["followers"]:
         follower["guidance_position"] = "estimate"
     sim = Simulation(table)
     loop = sim._loop
     assert isinstance(loop, PythonClosedLoop)
-    spans = [[*group.followers] for group in loop.groups]
-    assert spans == [[0, 1], [2], [3], [4], [5]]
+    groups = [[*group.followers] for group in loop.groups]
+    assert groups == [[0, 1], [2], [3], [4], [5]]
     sim.step(8.0)
     mixed = sim.flight()
     for name in ("surer", "two", "paper", "surveyed"):
-        i = [*OWN].index(name)
-        alone = laisn_sim.fly(alike(table, name))
+        i = [*OWN_NAVIGATION].index(name)
+        alone = laisn_sim.fly(mission_of_one_kind(table, name))
         require_same(mixed, alone, i)
         np.testing.assert_array_equal(
             mixed.trajectory.pose[:, i + 1], alone.trajectory.pose[:, i + 1]
@@ -142,16 +151,16 @@ def test_followers_steer_by_their_own_navigators_in_a_closed_loop() -> None:
 def test_a_scenario_with_own_navigations_is_read_back_equal(tmp_path: Path) -> None:
     scenario = laisn_sim.load(mission())
     scenario.save(tmp_path / "mission.toml")
-    again = laisn_sim.load(tmp_path / "mission.toml", {"name": scenario.name})
-    assert again == scenario
-    # keys that a follower does not set are those of all, also once these are changed
+    read_back = laisn_sim.load(tmp_path / "mission.toml", {"name": scenario.name})
+    assert read_back == scenario
+    # keys that a follower does not set are those of [navigation], also after a change of these
     changed = laisn_sim.load(scenario, {"navigation.assume.range_scale_sigma_m": 0.2})
     assert [changed.navigation_of(i).assume.range_scale_sigma_m for i in (0, 2)] == [0.2, 0.2]
     assert [changed.navigation_of(i).transmitters for i in (0, 2)] == [3, 2]
 
 
 @pytest.mark.parametrize(
-    ("follower", "expected"),
+    ("navigation", "expected"),
     [
         ({"variant": "kalman"}, "followers[3].navigation.variant"),
         ({"link": "sonar"}, "followers[3].navigation.link = 'sonar': expected one of leader, lbl"),
@@ -159,18 +168,18 @@ def test_a_scenario_with_own_navigations_is_read_back_equal(tmp_path: Path) -> N
         ({"assume": {"sigma": 1.0}}, "followers[3].navigation.assume.sigma"),
     ],
 )
-def test_own_navigations_that_cannot_be_are_refused(
-    follower: dict[str, Any], expected: str
+def test_invalid_navigations_of_a_follower_are_refused_by_their_keys(
+    navigation: dict[str, Any], expected: str
 ) -> None:
     table = mission()
-    table["followers"][3]["navigation"] = follower
+    table["followers"][3]["navigation"] = navigation
     with pytest.raises(LaisnError) as error:
         laisn_sim.load(table)
     assert expected in str(error.value).replace("followers.3", "followers[3]")
 
 
-def rivals(folder: Path) -> Path:
-    """The scenario of the page."""
+def scenario_of_page(folder: Path) -> Path:
+    """Writes the page's scenario into a folder."""
     (text,) = re.findall(r"```toml\n(# rivals\.toml\n.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
     path = folder / "rivals.toml"
     path.write_text(text)
@@ -182,15 +191,17 @@ def test_the_page_flies_followers_that_navigate_differently(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    path = rivals(tmp_path)
+    path = scenario_of_page(tmp_path)
     command = f"fly {path} --no-video --out out/rivals --set duration_s=20"
     result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 0, result.output
-    told = " ".join(result.output.split())
-    assert "navigators: tight (sure, two), laisn-2 (paper), beacons (surveyed)" in told
+    output = " ".join(result.output.split())
+    assert "navigators: tight (sure, two), laisn-2 (paper), beacons (surveyed)" in output
     summary = json.loads((tmp_path / "out/rivals/summary.json").read_text())
     assert summary["variant"] == "tight, laisn-2, beacons"
-    assert [row["variant"] for row in summary["followers"].values()] == [
+    assert [
+        summary_of_follower["variant"] for summary_of_follower in summary["followers"].values()
+    ] == [
         *["tight"] * 2,
         "laisn-2",
         "beacons",
@@ -205,11 +216,11 @@ def test_the_page_flies_followers_that_navigate_differently(
         "Estimates",
     ]
     # a replay with the same navigators gives the same estimates
-    again = laisn_sim.navigate(flight, {})
-    for recorded, replayed in zip(flight.estimates, again.estimates, strict=True):
+    renavigated = laisn_sim.navigate(flight, {})
+    for recorded, replayed in zip(flight.estimates, renavigated.estimates, strict=True):
         np.testing.assert_allclose(replayed.state, recorded.state, rtol=0, atol=1e-9)
-    other = f"replay {log} --variant ekf --set followers.3.navigation.variant=beacons"
-    result = CliRunner().invoke(app, other.split())
+    replay = f"replay {log} --variant ekf --set followers.3.navigation.variant=beacons"
+    result = CliRunner().invoke(app, replay.split())
     assert result.exit_code == 0, result.output
     assert "as flown, tight, laisn-2, beacons" in result.output
     replayed = laisn_sim.navigate(
@@ -243,7 +254,7 @@ depth_m = 14.0
 def test_a_study_varies_how_one_follower_navigates(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its results and findings are of each follower; those of the other one stay as they are."""
+    """Results are those of flights, for each follower; those of the other one do not change."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "pair.toml").write_text(PAIR, encoding="utf-8")
     key = "followers.0.navigation.variant"
@@ -251,22 +262,22 @@ def test_a_study_varies_how_one_follower_navigates(
     result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 0, result.output
     table = laisn_sim.StudyFolder("out").table
-    rows = {
+    results = {
         (variant, name): (mean, navigator)
         for variant, name, mean, navigator in zip(
             table[key], table["follower"], table["e_p_mean_m"], table["variant"], strict=True
         )
     }
-    assert len(rows) == 4
+    assert len(results) == 4
     for variant in ("ekf", "dead-reckoning"):
         flights = [laisn_sim.fly("pair.toml", {key: variant, "run": run}) for run in range(2)]
         for i, name in enumerate(("first", "second")):
             errors = [position_and_bearing_errors(flight)[i][0] for flight in flights]
-            mean, navigator = rows[variant, name]
+            mean, navigator = results[variant, name]
             assert mean == pytest.approx(np.mean(errors), rel=1e-6)
             assert navigator == (variant if i == 0 else "laisn-2")
-    assert rows["ekf", "second"] == rows["dead-reckoning", "second"]
-    assert rows["ekf", "first"][0] < rows["dead-reckoning", "first"][0]
+    assert results["ekf", "second"] == results["dead-reckoning", "second"]
+    assert results["ekf", "first"][0] < results["dead-reckoning", "first"][0]
     page = Path("out/report.html").read_text("utf-8")
     assert "first" in page
     assert "second" in page

@@ -27,13 +27,13 @@ from tests import absurd
 SEEDS = st.integers(0, 2**64)
 
 
-def accepted(table: dict[str, Any]) -> Scenario | None:
-    """The scenario, or None if it is refused as it should be."""
+def scenario_if_accepted(table: dict[str, Any]) -> Scenario | None:
+    """The scenario, or None if it is refused, with printable errors that fit on a screen."""
     try:
         return scenario_file.validate(table, "absurd.toml", feasibility.infeasibilities)
     except ScenarioError as error:
-        wanted = str(error)
-    head, *lines = wanted.split("\n")
+        message = str(error)
+    head, *lines = message.split("\n")
     assert head.startswith("absurd.toml: ")
     assert 0 < len(lines) <= ROWS
     assert all(printable(line) == line for line in lines)
@@ -43,7 +43,7 @@ def accepted(table: dict[str, Any]) -> Scenario | None:
 @settings(max_examples=200, deadline=None)
 @given(SEEDS, st.sampled_from((0.0, 0.01, 0.3)))
 def test_every_accepted_scenario_builds_a_plant(seed: int, wild: float) -> None:
-    scenario = accepted(absurd.table(seed, wild))
+    scenario = scenario_if_accepted(absurd.table(seed, wild))
     if scenario is not None:
         Plant(
             setups_of(MissionPlan.of(scenario), routes_of(MissionPlan.of(scenario))),
@@ -56,14 +56,14 @@ def test_every_accepted_scenario_builds_a_plant(seed: int, wild: float) -> None:
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(SEEDS)
-def test_what_is_accepted_can_be_flown_logged_and_reported(seed: int) -> None:
-    scenario = accepted(absurd.table(seed, 0.0))
+def test_an_accepted_scenario_can_be_flown_logged_and_reported(seed: int) -> None:
+    scenario = scenario_if_accepted(absurd.table(seed, 0.0))
     if scenario is None or scenario.duration_s / scenario.timing.physics_step_s > 2000:
         return
     with tempfile.TemporaryDirectory() as folder:
         fly_and_write(scenario, Path(folder), with_video=False)
         json.loads((Path(folder) / "summary.json").read_text(), parse_constant=pytest.fail)
-    assert accepted(scenario.model_dump(mode="json", exclude_none=True)) == scenario
+    assert scenario_if_accepted(scenario.model_dump(mode="json", exclude_none=True)) == scenario
 
 
 @pytest.mark.parametrize(
@@ -73,20 +73,20 @@ def test_a_flight_that_ends_before_the_first_message_is_flown(
     change: dict[str, Any], tmp_path: Path
 ) -> None:
     table = {"name": "short", "duration_s": 1.0, "followers": [{"route": "T5"}], **change}
-    scenario = accepted(table)
+    scenario = scenario_if_accepted(table)
     assert scenario is not None
     fly_and_write(scenario, tmp_path, with_video=False)
 
 
 @pytest.mark.system
-def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
-    """Otherwise the properties above would be void."""
-    count = sum(accepted(absurd.table(seed, 0.0)) is not None for seed in range(400))
+def test_absurd_scenarios_are_neither_all_refused_nor_all_accepted() -> None:
+    """Otherwise the property tests above would test nothing."""
+    count = sum(scenario_if_accepted(absurd.table(seed, 0.0)) is not None for seed in range(400))
     assert 10 < count < 390
 
 
 @pytest.mark.parametrize(
-    ("assignment", "wanted"),
+    ("assignment", "message"),
     [
         (
             "leader.middle_offset_m=0",
@@ -116,19 +116,19 @@ def test_the_absurd_is_neither_all_refused_nor_all_accepted() -> None:
         ("followers=1", "followers: expected a list of tables: write [[followers]]"),
     ],
 )
-def test_an_override_that_cannot_be_flown_is_refused(assignment: str, wanted: str) -> None:
+def test_an_override_that_cannot_be_flown_is_refused(assignment: str, message: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load_scenario("T5", [assignment], flyable=True)
-    assert wanted in str(caught.value)
+    assert message in str(caught.value)
     assert len(str(caught.value)) < 80 * 24
 
 
-FOLLOWER = b"duration_s=2\n[[followers]]\n"
-POINTS = 4_000
+FOLLOWER_HEADER = b"duration_s=2\n[[followers]]\n"
+COUNT = 4_000
 
 
 @pytest.mark.parametrize(
-    ("content", "wanted"),
+    ("content", "message"),
     [
         (b"", "followers: missing: at least one table [[followers]] is required"),
         (b"name = '\xe9'", "cannot be read: not UTF-8 text"),
@@ -142,46 +142,48 @@ POINTS = 4_000
         (b"[leader]\nwaypoints = [0, 0, 20]", "leader.waypoints[0]: expected [[time_s, east_m"),
         (b"[ocean]\ncurrent = 0.1", "ocean.current: expected a table; its keys: file, "),
         (b"k" * 100_000 + b" = 1\n", "unknown key; known here: name, seed"),
-        (b"\n".join(b"k%d = 1" % i for i in range(POINTS)), f"{POINTS + 1} errors"),
-        (FOLLOWER + b"waypoints = [" + b"['a', 1, 2]," * POINTS + b"]", f"{POINTS} errors"),
+        (b"\n".join(b"k%d = 1" % i for i in range(COUNT)), f"{COUNT + 1} errors"),
+        (FOLLOWER_HEADER + b"waypoints = [" + b"['a', 1, 2]," * COUNT + b"]", f"{COUNT} errors"),
         (
-            FOLLOWER + b"waypoints = [" + b"[0, 0, 0]," * POINTS + b"]",
+            FOLLOWER_HEADER + b"waypoints = [" + b"[0, 0, 0]," * COUNT + b"]",
             "waypoint 2 at 0 s is not later",
         ),
-        (FOLLOWER * 1 + b"[[followers]]\n" * POINTS, f"{POINTS + 1} errors"),
+        (FOLLOWER_HEADER + b"[[followers]]\n" * COUNT, f"{COUNT + 1} errors"),
         (b"#" * (scenario_file.LARGEST_BYTES + 1), "it has 16000001 bytes, there may be 16000000"),
     ],
     ids=range(14),
 )
 def test_errors_of_a_nonsense_file_fit_on_a_screen(
-    content: bytes, wanted: str, tmp_path: Path
+    content: bytes, message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "own.toml"
     path.write_bytes(content)
     with pytest.raises(ScenarioError) as caught:
         library.load_scenario(str(path), (), flyable=True)
-    assert wanted in str(caught.value)
+    assert message in str(caught.value)
     assert len(str(caught.value).replace(str(tmp_path), "")) < 80 * 24
 
 
-def test_a_mark_of_the_byte_order_and_foreign_line_ends_are_taken(tmp_path: Path) -> None:
+def test_a_byte_order_mark_and_line_ends_of_windows_are_accepted(tmp_path: Path) -> None:
     path = tmp_path / "own.toml"
-    path.write_bytes(b"\xef\xbb\xbf" + FOLLOWER.replace(b"\n", b"\r\n") + b"route = 'T5'\r\n")
+    path.write_bytes(
+        b"\xef\xbb\xbf" + FOLLOWER_HEADER.replace(b"\n", b"\r\n") + b"route = 'T5'\r\n"
+    )
     assert library.load_scenario(str(path), (), flyable=True).duration_s == 2
 
 
-def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_source_that_is_no_plain_file_is_refused_within_a_second(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "link.toml").symlink_to("/dev/zero")
-    began = time.monotonic()
-    for name, wanted in (
+    start = time.monotonic()
+    for name, message in (
         ("pipe", "no plain file"),
         ("folder", "a folder"),
         ("link", "no plain file"),
         ("none", "No such"),
     ):
-        with pytest.raises(ScenarioError, match=f"cannot be read: .*{wanted}"):
+        with pytest.raises(ScenarioError, match=f"cannot be read: .*{message}"):
             library.load_scenario(str(tmp_path / f"{name}.toml"), (), flyable=True)
     for source in (
         "a" * 5000,
@@ -194,10 +196,11 @@ def test_what_is_no_plain_file_is_refused_at_once(tmp_path: Path) -> None:
         with pytest.raises(ScenarioError) as caught:
             library.load_scenario(source, (), flyable=True)
         assert len(str(caught.value)) < 80 * 24 + len(source)
-    assert time.monotonic() - began < 1
+    assert time.monotonic() - start < 1
 
 
 def errors_of(table: dict[str, Any]) -> list[str]:
+    """Lines of the errors for which a table is refused."""
     with pytest.raises(ScenarioError) as caught:
         scenario_file.validate(table, "mine.toml", feasibility.infeasibilities)
     head, *lines = str(caught.value).splitlines()
@@ -205,8 +208,8 @@ def errors_of(table: dict[str, Any]) -> list[str]:
     return [line.strip() for line in lines]
 
 
-def unlike(lines: list[str], expected: list[str]) -> list[str]:
-    """Texts that no line begins with, and lines that begin with no text."""
+def mismatches(lines: list[str], expected: list[str]) -> list[str]:
+    """Expected beginnings that no line has, and lines without an expected beginning."""
     return [
         *(text for text in expected if not any(line.startswith(text) for line in lines)),
         *(line for line in lines if not any(line.startswith(text) for text in expected)),
@@ -229,10 +232,10 @@ def test_all_invalid_keys_are_reported_at_once() -> None:
         "video.camera: unknown camera 'drone'",
         "followers[1].waypoints[0][2]: Input should be a valid number",
     ]
-    assert unlike(errors_of(table), expected) == []
+    assert mismatches(errors_of(table), expected) == []
 
 
-def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
+def test_all_contradictions_and_infeasible_settings_are_reported_at_once() -> None:
     table = {
         "name": "mine",
         "epoch": "1960-01-01T00:00:00+00:00",
@@ -258,13 +261,11 @@ def test_all_that_contradicts_or_is_not_feasible_is_reported_at_once() -> None:
         "followers[0].route: unknown route 'T1'",
         "followers[1].waypoints: route 'follower-2', waypoint 2: 5.22 m/s",
     ]
-    assert unlike(errors_of(table), expected) == []
+    assert mismatches(errors_of(table), expected) == []
 
 
-def test_an_invalid_key_has_no_consequences() -> None:
-    """The leader's depth is no number: that its default of 8 m would lie below the floor is not
-    reported.
-    """
+def test_an_invalid_key_causes_no_further_errors() -> None:
+    """Where the leader's depth is no number, its default of 8 m below the floor is not reported."""
     table = {"name": "a", "leader": {"depth_m": "x"}, "ocean": {"floor_depth_m": 5.0}}
     followers = [{"route": "T5", "depth_m": 3.0}]
     with pytest.raises(ScenarioError, match=r"mine.toml: 1 error\n  leader.depth_m: "):
@@ -273,11 +274,11 @@ def test_an_invalid_key_has_no_consequences() -> None:
         )
 
 
-def test_a_route_that_cannot_be_flown_has_no_consequences() -> None:
+def test_a_route_that_cannot_be_flown_causes_no_further_errors() -> None:
     """That the leader is too fast for its followers is reported once it has a route."""
     followers = [{"station": {"behind_m": 20.0, "depth_m": 10.0}}]
-    slow = {"max_speed_m_s": 0.9, "outer_max_speed_m_s": 0.9}
-    table = {"name": "a", "duration_s": 900.0, "formation": slow, "followers": followers}
+    formation = {"max_speed_m_s": 0.9, "outer_max_speed_m_s": 0.9}
+    table = {"name": "a", "duration_s": 900.0, "formation": formation, "followers": followers}
     (too_fast,) = errors_of(table)
     assert too_fast.startswith(
         "leader: on the way to waypoint 2 followers at 10 m would need 1 m/s"
@@ -302,7 +303,7 @@ def test_followers_without_names_are_numbered() -> None:
 
 
 @pytest.mark.parametrize(
-    ("assignments", "wanted"),
+    ("assignments", "message"),
     [
         (
             ["duration_s=86400", "timing.physics_step_s=0.0005"],
@@ -314,12 +315,12 @@ def test_followers_without_names_are_numbered() -> None:
         ),
     ],
 )
-def test_what_would_take_for_ever_is_refused_with_its_cost(
-    assignments: list[str], wanted: str
+def test_a_flight_or_film_that_takes_too_long_is_refused_with_its_cost(
+    assignments: list[str], message: str
 ) -> None:
     with pytest.raises(ScenarioError) as caught:
         library.load_scenario("T5", assignments, flyable=True)
-    assert wanted in str(caught.value)
+    assert message in str(caught.value)
 
 
 def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
