@@ -7,36 +7,39 @@ VOID = {"meta", "link", "br", "img", "hr", "input", "source"}
 
 
 class Checker(HTMLParser):
-    """Notes unbalanced tags, ids and addresses."""
+    """Requires balanced tags, and collects ids, addresses and text."""
 
     def __init__(self):
         super().__init__()
-        self.open, self.ids, self.addresses, self.text = [], [], [], []
+        self.open_tags, self.ids, self.addresses, self.text = [], [], [], []
 
     def handle_starttag(self, tag, attrs):
-        values = dict(attrs)
-        if "id" in values:
-            self.ids.append(values["id"])
-        self.addresses += [values[name] for name in ("src", "href") if name in values]
+        attributes = dict(attrs)
+        if "id" in attributes:
+            self.ids.append(attributes["id"])
+        self.addresses += [attributes[name] for name in ("src", "href") if name in attributes]
         if tag not in VOID:
-            self.open.append(tag)
+            self.open_tags.append(tag)
 
     def handle_startendtag(self, tag, attrs):
         self.handle_starttag(tag, attrs)
         if tag not in VOID:
-            self.open.pop()
+            self.open_tags.pop()
 
     def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+        assert self.open_tags.pop() == tag
 
     def handle_data(self, data):
         self.text.append(data)
 
 
-def checked(html):
+def require_well_formed(html):
+    """Require balanced tags, ids that differ, links to ids that exist, and no address outside the
+    page; returns what was read.
+    """
     checker = Checker()
     checker.feed(html)
-    assert not checker.open
+    assert not checker.open_tags
     assert len(set(checker.ids)) == len(checker.ids)
     targets = {a[1:] for a in checker.addresses if a.startswith("#")}
     assert targets <= set(checker.ids)

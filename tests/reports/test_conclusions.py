@@ -2,7 +2,7 @@
 
 Numbers in documents are filled in from the records; words are not. Each conclusion stands here with
 the words that a document has for it, and with the condition on the record for them to be true. A
-record that turns one round fails.
+record that contradicts one fails.
 """
 
 from collections.abc import Callable
@@ -22,14 +22,16 @@ class Record(NamedTuple):
     def value(self, name: str) -> float:
         return float(self.findings[name].value or 0.0)
 
-    def values(self, name: str, *places: str) -> list[float]:
-        """Those of several findings whose names differ in one place."""
-        return [self.value(name.format(place)) for place in places]
+    def values(self, name: str, *words: str) -> list[float]:
+        """Those of several findings whose names differ in the words that fill the braces."""
+        return [self.value(name.format(word)) for word in words]
 
     def low(self, name: str) -> float:
+        """Lower limit of the finding's confidence interval."""
         return float(self.findings[name].low or 0.0)
 
     def high(self, name: str) -> float:
+        """Upper limit of the finding's confidence interval."""
         return float(self.findings[name].high or 0.0)
 
 
@@ -43,9 +45,11 @@ class Conclusion(NamedTuple):
 
 
 CAUSES = ("trim", "dive", "waves")
+"""Of a leader's pitch, in the study of asymmetric ranges."""
 ASSUMED = ("leader", "late", "drift")
 """Errors that the settings of the tightly coupled navigator must include."""
 NEAR_AXIS = ("T2", "T5", "T7", "T8", "T9")
+"""Routes that lie near the leader's axis."""
 
 CONCLUSIONS = (
     Conclusion(
@@ -240,10 +244,12 @@ CONCLUSIONS = (
 )
 
 
-@pytest.mark.parametrize("one", CONCLUSIONS, ids=lambda one: f"{one.document}: {one.words}")
-def test_words_of_documents_follow_from_the_records(one: Conclusion) -> None:
-    text = " ".join((ROOT / one.document).read_text(encoding="utf-8").split())
-    assert one.words in text, "the words are not there any more: change or drop the conclusion"
-    assert one.holds(Record(read_findings(RECORDS / f"{one.study}.json"))), (
-        f"docs/results/{one.study}.json differs"
+@pytest.mark.parametrize("conclusion", CONCLUSIONS, ids=lambda c: f"{c.document}: {c.words}")
+def test_words_of_documents_follow_from_the_records(conclusion: Conclusion) -> None:
+    text = " ".join((ROOT / conclusion.document).read_text(encoding="utf-8").split())
+    assert conclusion.words in text, (
+        "the words are not there any more: change or drop the conclusion"
+    )
+    assert conclusion.holds(Record(read_findings(RECORDS / f"{conclusion.study}.json"))), (
+        f"docs/results/{conclusion.study}.json differs"
     )

@@ -12,7 +12,7 @@ from tests import browser
 
 pytestmark = pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
 TIME = np.arange(0.0, 101.0)
-HEAT: dict[str, Any] = {
+HEATMAP: dict[str, Any] = {
     "type": "heatmap",
     "z": [[0.0, 1.0, 2.0], [3.0, None, 5.0]],
     "zmin": 0.0,
@@ -30,8 +30,8 @@ def over_time(scale: float) -> Panel:
 
 @pytest.fixture(scope="module")
 def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Page]:
-    heat = panel([], x_label="x", y_label="y", traces=[HEAT])
-    panels = [over_time(2.0), over_time(3.0), heat]
+    heatmap = panel([], x_label="x", y_label="y", traces=[HEATMAP])
+    panels = [over_time(2.0), over_time(3.0), heatmap]
     sections = [PageSection(title="figures", blocks=[Figures(panels=panels)])]
     path = tmp_path_factory.mktemp("figures") / "page.html"
     html = render(Page(title="T", summary="s", facts=[], sections=sections))
@@ -43,40 +43,40 @@ def tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Page]:
         yield page
 
 
-def move(tab: browser.Page, kind: str, x: float, y: float, **more: Any) -> None:
+def send_mouse_event(tab: browser.Page, kind: str, x: float, y: float, **more: Any) -> None:
     tab.command("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
 
-def place(tab: browser.Page, figure: int, time: float) -> tuple[float, float]:
-    """Where a figure has a time, in the window [px]."""
+def pixel_of_time(tab: browser.Page, figure: int, time: float) -> tuple[float, float]:
+    """Point of a figure that has this time, in the window [px]."""
     left, top, _, height = tab.box(f"[data-figure='{figure}']")
     return left + tab.run(f"all[{figure}].x.at({time})"), top + 0.3 * height
 
 
 def test_a_pointer_shows_values_and_its_time_in_linked_figures(tab: browser.Page) -> None:
-    x, y = place(tab, 0, 40.0)
-    move(tab, "mouseMoved", x, y)
+    x, y = pixel_of_time(tab, 0, 40.0)
+    send_mouse_event(tab, "mouseMoved", x, y)
     tab.wait("all[0].tip.style.display === 'block'")
-    shown = tab.run("all[0].tip.innerText").splitlines()
-    assert shown[0].startswith("time ")
-    assert float(shown[0].removeprefix("time ")) == pytest.approx(40.0, abs=0.5)
-    assert shown[1:] == ["▬ rises 80", "▬ rises 80"]
+    tip_lines = tab.run("all[0].tip.innerText").splitlines()
+    assert tip_lines[0].startswith("time ")
+    assert float(tip_lines[0].removeprefix("time ")) == pytest.approx(40.0, abs=0.5)
+    assert tip_lines[1:] == ["▬ rises 80", "▬ rises 80"]
     linked = "new DOMMatrix(getComputedStyle(all[1].cursor).transform).e"
     tab.wait(f"Math.abs({linked} - all[1].x.at(40)) < 2")
-    move(tab, "mouseMoved", 2.0, 2.0)
+    send_mouse_event(tab, "mouseMoved", 2.0, 2.0)
     tab.wait("all[0].tip.style.display === 'none'")
 
 
 def test_a_drag_zooms_and_a_double_click_shows_all_again(tab: browser.Page) -> None:
-    x, y = place(tab, 0, 20.0)
-    end, _ = place(tab, 0, 60.0)
-    move(tab, "mousePressed", x, y, button="left", clickCount=1)
-    move(tab, "mouseMoved", end, y, button="left", buttons=1)
-    move(tab, "mouseReleased", end, y, button="left", clickCount=1)
+    x, y = pixel_of_time(tab, 0, 20.0)
+    end, _ = pixel_of_time(tab, 0, 60.0)
+    send_mouse_event(tab, "mousePressed", x, y, button="left", clickCount=1)
+    send_mouse_event(tab, "mouseMoved", end, y, button="left", buttons=1)
+    send_mouse_event(tab, "mouseReleased", end, y, button="left", clickCount=1)
     assert tab.run("all[0].x.shown") == pytest.approx([20.0, 60.0], abs=1.0)
     for count in (1, 2):
-        move(tab, "mousePressed", x, y, button="left", clickCount=count)
-        move(tab, "mouseReleased", x, y, button="left", clickCount=count)
+        send_mouse_event(tab, "mousePressed", x, y, button="left", clickCount=count)
+        send_mouse_event(tab, "mouseReleased", x, y, button="left", clickCount=count)
     tab.wait("all[0].x.shown[0] === 0")
     assert tab.run("all[0].x.shown") == [0, 100]
 

@@ -59,7 +59,7 @@ def test_findings_are_printed_in_the_requested_form(key: str, spec: str, text: s
     assert format(RECORD[key], spec) == text
 
 
-def test_what_is_rounded_to_nothing_has_no_sign() -> None:
+def test_a_number_that_is_rounded_to_zero_has_no_sign() -> None:
     assert format(plain_finding(-0.001, ""), ".1f") == "0.0"
 
 
@@ -68,7 +68,7 @@ def test_whole_numbers_are_rounded_and_not_cut_off(value: float, text: str) -> N
     assert format(plain_finding(value, ""), "d") == text
 
 
-def test_a_format_that_is_none_is_refused() -> None:
+def test_an_unknown_format_is_refused() -> None:
     with pytest.raises(ValueError, match="is no format of a finding"):
         format(SHARE, ".0% within brackets")
 
@@ -77,26 +77,26 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     RECORD.write(path)
     assert read_findings(path) == RECORD
-    given = json.loads(path.read_text(encoding="utf-8"))
-    assert given["schema"] == SCHEMA
-    assert given["command"] == "laisn dive"
-    assert given["findings"]["error level"] == {"value": 0.7045, "unit": "m", "what": "mean"}
-    first = path.read_bytes()
+    written = json.loads(path.read_text(encoding="utf-8"))
+    assert written["schema"] == SCHEMA
+    assert written["command"] == "laisn dive"
+    assert written["findings"]["error level"] == {"value": 0.7045, "unit": "m", "what": "mean"}
+    bytes_before = path.read_bytes()
     RECORD.write(path)
-    assert path.read_bytes() == first
+    assert path.read_bytes() == bytes_before
 
 
-BARE = f'"schema": {SCHEMA}, "study": "dive", "command": "", "version": "1"'
+HEADER = f'"schema": {SCHEMA}, "study": "dive", "command": "", "version": "1"'
 NO_RECORDS = [
     "",
     "[]",
     '{"schema": 0}',
     '{"schema": 1',
     "[" * 100_000,
-    f"{{{BARE}}}",
-    f'{{{BARE}, "findings": {{}}}}',
-    f'{{{BARE}, "modules": [], "findings": {{"a": {{"valve": 1}}}}}}',
-    f'{{{BARE}, "modules": [], "findings": []}}',
+    f"{{{HEADER}}}",
+    f'{{{HEADER}, "findings": {{}}}}',
+    f'{{{HEADER}, "modules": [], "findings": {{"a": {{"valve": 1}}}}}}',
+    f'{{{HEADER}, "modules": [], "findings": []}}',
 ]
 
 
@@ -140,10 +140,10 @@ def test_the_version_is_that_of_what_makes_the_numbers(tmp_path: Path) -> None:
         ("experiments/studies/depth.toml", False),
     ):
         path = tmp_path / name
-        whole = path.read_bytes()
-        path.write_bytes(whole + b"\n# edited\n")
+        original = path.read_bytes()
+        path.write_bytes(original + b"\n# edited\n")
         assert (version_of(modules, tmp_path) != before) == counts, name
-        path.write_bytes(whole)
+        path.write_bytes(original)
 
 
 RECORDS = {"dive": RECORD}
@@ -161,9 +161,9 @@ def test_numbers_and_tables_are_filled_in_and_nothing_else_is_touched() -> None:
         "<!-- a comment -->\n<!-- table one -->\n\n| a |\n\n<!-- /table -->\nThe end: 98 %.\n"
     )
     tables = {"one": lambda actual: f"| {'a' if actual is RECORDS else 'b'} |\n"}
-    once = markers.filled(text, RECORDS, tables)
-    assert once == expected
-    assert markers.filled(once, RECORDS, tables) == once
+    filled = markers.filled(text, RECORDS, tables)
+    assert filled == expected
+    assert markers.filled(filled, RECORDS, tables) == filled
 
 
 @pytest.mark.parametrize(
@@ -192,8 +192,8 @@ def test_markers_that_cannot_be_filled_are_named(text: str, fault: str) -> None:
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A document and its record."""
     (tmp_path / "results").mkdir()
-    fresh = replace(RECORD, version=version_of(RECORD.modules))
-    fresh.write(tmp_path / "results" / "dive.json")
+    up_to_date = replace(RECORD, version=version_of(RECORD.modules))
+    up_to_date.write(tmp_path / "results" / "dive.json")
     page = tmp_path / "page.md"
     page.write_text("a <!--= dive runs d -->1165696<!--/--> b\n", encoding="utf-8")
     monkeypatch.setattr(markers, "ROOT", tmp_path)
@@ -246,12 +246,12 @@ def test_the_records_of_measurements_name_their_modules() -> None:
         assert markers.records()[name].modules
 
 
-def record(study: str, findings: Mapping[str, Finding]) -> Findings:
+def record_of(study: str, findings: Mapping[str, Finding]) -> Findings:
     return Findings(study=study, command="", modules=(), version="", findings=findings)
 
 
-class Everything(dict[str, Finding]):
-    """Any finding has the same value."""
+class EveryFinding(dict[str, Finding]):
+    """A record that has every finding, each of the same value and interval."""
 
     def __missing__(self, key: str) -> Finding:
         return Finding(value=0.25, low=0.125, high=0.5)
@@ -261,12 +261,12 @@ class Everything(dict[str, Finding]):
 
 
 def test_tables_take_every_cell_from_its_finding() -> None:
-    actual = {"ratio base laisn-2": Finding(value=0.912, low=0.5, high=1.249)}
-    table = ratios({"reproduce-physics": record("reproduce-physics", actual)}).splitlines()
+    findings = {"ratio base laisn-2": Finding(value=0.912, low=0.5, high=1.249)}
+    table = ratios({"reproduce-physics": record_of("reproduce-physics", findings)}).splitlines()
     assert table[2] == "| Table 1: messages every 1 s | 0.91 (0.50 … 1.25) |  |"
     assert table[6] == "| Table 6: H_T = 0.2 m |  |  |"
 
-    class Run(Everything):
+    class ClosedLoopFindings(EveryFinding):
         def __missing__(self, key: str) -> Finding:
             counts = {"missions": 40, "lost-runs laisn-2 T5": 4, "lost-runs laisn-2": 9}
             return (
@@ -278,10 +278,10 @@ def test_tables_take_every_cell_from_its_finding() -> None:
                 }.get(key, super().__missing__(key))
             )
 
-    rows = closed_loop({"closed-loop": record("closed-loop", Run())}).splitlines()
+    rows = closed_loop({"closed-loop": record_of("closed-loop", ClosedLoopFindings())}).splitlines()
     assert rows[5].startswith("| T5 | 1.26, 466.20, 4 | 0.25, 0.25, 0 |")
     assert rows[-1].startswith("| lost, of 40 | 9, 25 % (12 to 50 %) | 0, 25 % (12 to 50 %) |")
-    rows = tracking({"route-keeping": record("route-keeping", Everything())}).splitlines()
+    rows = tracking({"route-keeping": record_of("route-keeping", EveryFinding())}).splitlines()
     assert rows[2] == "| leader, L | 0.25 | 0.25 | 0.2 | 0.250 | 0.250 | 0.2 | 0.25 | 0.2 |"
     assert len(rows) == 12
 
@@ -291,16 +291,16 @@ def test_a_table_is_markdown() -> None:
 
 
 def test_the_record_of_hull_trials_has_the_published_figures() -> None:
-    actual = read_findings(markers.RECORDS / "hull-trials.json")
+    record = read_findings(markers.RECORDS / "hull-trials.json")
     for rpm, speed in PUBLISHED_SPEED.items():
-        assert actual[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
-    assert (actual["rise slowest"].value, actual["rise quickest"].value) == pytest.approx(
+        assert record[f"speed {rpm}"].value == pytest.approx(speed, abs=1e-4)
+    assert (record["rise slowest"].value, record["rise quickest"].value) == pytest.approx(
         (5.08, 2.06), abs=0.01
     )
-    assert (actual["radius largest"].value, actual["radius least"].value) == pytest.approx(
+    assert (record["radius largest"].value, record["radius least"].value) == pytest.approx(
         (45.7, 18.5), abs=0.05
     )
-    assert (actual["pitch 1000"].value, actual["pitch 1525"].value) == pytest.approx(
+    assert (record["pitch 1000"].value, record["pitch 1525"].value) == pytest.approx(
         (8.80, 20.86), abs=0.01
     )
-    assert actual["righting"].value == pytest.approx(8.5907, rel=1e-4)
+    assert record["righting"].value == pytest.approx(8.5907, rel=1e-4)

@@ -15,7 +15,7 @@ from reports.summary import true_bearing
 from sim.film import film_data as film
 from sim.flight import Termination
 from tests import synthetic
-from tests.reports.markup import checked
+from tests.reports.markup import require_well_formed
 from tests.synthetic import make_flight
 
 
@@ -40,8 +40,8 @@ def test_decimation_keeps_gaps():
 
 
 def test_a_wrap_leaves_a_gap():
-    broken = without_wraps(np.array([350.0, 359.0, 1.0, 10.0]))
-    assert np.isnan(broken).tolist() == [False, False, True, False]
+    with_gap = without_wraps(np.array([350.0, 359.0, 1.0, 10.0]))
+    assert np.isnan(with_gap).tolist() == [False, False, True, False]
 
 
 def test_errors_stand_above_one_another_each_on_its_own_axis():
@@ -49,9 +49,9 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
     known axes.
     """
     flight = make_flight(20.0)
-    (actual,) = flight.estimates
-    n = len(actual.state)
-    state = actual.state.copy()
+    (estimates,) = flight.estimates
+    n = len(estimates.state)
+    state = estimates.state.copy()
     state[:, :2] = flight.hydrophone(0)[:, :2] + [3.0, 4.0]
     covariance = np.zeros((n, 4, 4))
     # variances 9 and 4 along axes turned by 30°
@@ -59,11 +59,13 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
         [[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]]
     )
     covariance[:, :2, :2] = rotation @ np.diag([9.0, 4.0]) @ rotation.T
-    known = dataclasses.replace(
-        flight, estimates=(dataclasses.replace(actual, state=state, covariance=covariance),)
+    changed = dataclasses.replace(
+        flight, estimates=(dataclasses.replace(estimates, state=state, covariance=covariance),)
     )
     errors = (np.full(n, 5.0), np.full(n, np.pi / 18))
-    position, bearing_error, bearing = flight_figures.error_parts(known, 0, errors, np.full(n, 0.5))
+    position, bearing_error, bearing = flight_figures.error_parts(
+        changed, 0, errors, np.full(n, 0.5)
+    )
     assert {
         line.name: set(np.round(line.y, 9)) for line in (*position.lines, *bearing_error.lines)
     } == {
@@ -79,7 +81,7 @@ def test_errors_stand_above_one_another_each_on_its_own_axis():
         "B [°]",
     ]
     assert bearing.y_limits == (0, 360)
-    scattered, origin = flight_figures.difference(known, 0).parts[0].lines
+    scattered, origin = flight_figures.difference(changed, 0).parts[0].lines
     assert (set(np.round(scattered.x, 9)), set(np.round(scattered.y, 9))) == ({3.0}, {4.0})
     assert (origin.x.tolist(), origin.y.tolist()) == ([0.0], [0.0])
 
@@ -92,12 +94,15 @@ def test_the_bearing_is_that_from_the_leaders_bow_clockwise():
     truth, k = flight.trajectory, 150
     step = flight.step_index()[k]
     forward = truth.velocity[step, 0, :2] / np.hypot(*truth.velocity[step, 0, :2])
-    away = flight.hydrophone(0)[k, :2] - truth.position[step, 0, :2]
-    ahead, starboard = away @ forward, forward[1] * away[0] - forward[0] * away[1]
+    from_leader = flight.hydrophone(0)[k, :2] - truth.position[step, 0, :2]
+    ahead, starboard = (
+        from_leader @ forward,
+        forward[1] * from_leader[0] - forward[0] * from_leader[1],
+    )
     bearing = true_bearing(flight, 0)[k]
     assert np.pi / 2 < bearing < np.pi
-    assert np.cos(bearing) == pytest.approx(ahead / np.hypot(*away), abs=1e-6)
-    assert np.sin(bearing) == pytest.approx(starboard / np.hypot(*away), abs=1e-6)
+    assert np.cos(bearing) == pytest.approx(ahead / np.hypot(*from_leader), abs=1e-6)
+    assert np.sin(bearing) == pytest.approx(starboard / np.hypot(*from_leader), abs=1e-6)
 
 
 @pytest.mark.parametrize(("variant", "transmitters"), [("laisn-2", 2), ("laisn-3-2", 3)])
@@ -131,11 +136,12 @@ def test_pages_have_the_hues_of_the_film(colour, filmed):
 
 
 def flight_page(tmp_path, flight, name="report.html"):
+    """HTML of a flight's report; the figures of its summary are stand-ins."""
     errors = []
     for i, estimates in enumerate(flight.estimates):
-        away = estimates.state[:, :2] - flight.hydrophone(i)[:, :2]
-        errors.append((np.hypot(*away.T), np.abs(away[:, 0]) / 20))
-    figures_of = {
+        error = estimates.state[:, :2] - flight.hydrophone(i)[:, :2]
+        errors.append((np.hypot(*error.T), np.abs(error[:, 0]) / 20))
+    figures_of_follower = {
         "e_p_max_m": 1.0,
         "e_p_mean_m": 0.5,
         "e_p_std_m": 0.1,
@@ -145,7 +151,7 @@ def flight_page(tmp_path, flight, name="report.html"):
         "fixes": {"two_points": 20, "gated": 0},
     }
     summary = {
-        "followers": dict.fromkeys(flight.trajectory.names[1:], figures_of),
+        "followers": dict.fromkeys(flight.trajectory.names[1:], figures_of_follower),
         "versions": {"laisn-sim": "0.1.0"},
     }
     flight_report(flight, errors, summary, tmp_path / name, None)
@@ -153,15 +159,15 @@ def flight_page(tmp_path, flight, name="report.html"):
 
 
 @pytest.mark.parametrize("followers", [1, 3])
-def test_the_report_of_a_flight(tmp_path, followers):
+def test_the_report_of_a_flight_has_its_parts_in_order(tmp_path, followers):
     flight = make_flight(60.0, followers)
     html = flight_page(tmp_path, flight)
-    checker = checked(html)
+    checker = require_well_formed(html)
     text = " ".join(checker.text)
     assert "laisn fly scenario.toml" in text
     assert f"{flight.scenario.navigation.variant.upper()} on 2 transmitters" in text
     # the first screen has the answer; where it comes from stands at the end
-    places = [
+    positions = [
         html.index(words)
         for words in (
             "mean position error is" if followers == 1 else "lie between",
@@ -169,8 +175,8 @@ def test_the_report_of_a_flight(tmp_path, followers):
             "Seed, run",
         )
     ]
-    assert places == sorted(places)
-    assert places[1] < html.index("<h2>Details") < html.index("<h2>Provenance") < places[2]
+    assert positions == sorted(positions)
+    assert positions[1] < html.index("<h2>Details") < html.index("<h2>Provenance") < positions[2]
     assert 'name = "synthetic"' in text
     assert all(name in text for name in flight.trajectory.names)
     assert len(html.encode()) < 6_000_000
@@ -190,22 +196,22 @@ def test_relative_errors_stand_under_their_lengths(tmp_path):
     flight_report(flight, errors, summary, tmp_path / "report.html", None)
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
     table = html[html.index("RMS of the relative error over") :]
-    text = checked_text(table[: table.index("</table>")])
+    text = text_without_tags(table[: table.index("</table>")])
     assert [word for word in text.split() if word != "m"] == [
         *["RMS", "of", "the", "relative", "error", "over", "follower", "10", "20"],
         *("follower1", "0.27", "0.35", "follower2", "0.27", "–"),
     ]
 
 
-def checked_text(html):
+def text_without_tags(html):
     return re.sub(r"<[^>]*>", " ", html)
 
 
 def test_a_flight_that_failed_has_notices(tmp_path, monkeypatch):
     flight = make_flight(30.0)
     monkeypatch.setattr("reports.flight_report.mirror_locked_steps", lambda *_: np.arange(300) < 75)
-    broken = type(flight)(**{**vars(flight), "outcome": Termination.DIVERGED})
-    html = flight_page(tmp_path, broken)
+    diverged = type(flight)(**{**vars(flight), "outcome": Termination.DIVERGED})
+    html = flight_page(tmp_path, diverged)
     assert "follower: the estimate was more than 5 m off, at the mirror image of the truth" in html
     assert "for 25.0 % of the mission (mirror lock)." in html
     assert 'class="notice failure"' in html
@@ -217,12 +223,12 @@ def test_a_flight_ended_by_contact_reports_the_pair(tmp_path):
     flight = make_flight(30.0, 2)
     position = flight.trajectory.position.copy()
     position[250:, 2] = position[250:, 1]
-    met = dataclasses.replace(
+    ended_by_contact = dataclasses.replace(
         flight,
         outcome=Termination.CONTACT,
         trajectory=synthetic.moved(flight.trajectory, position=position),
     )
-    html = flight_page(tmp_path, met)
+    html = flight_page(tmp_path, ended_by_contact)
     assert 'class="notice warning"' in html
     assert 'class="notice failure"' not in html
     assert "At 25 s follower1 and follower2 touched." in html

@@ -26,9 +26,11 @@ STATIONS = ((10.0, 10.0), (20.0, 12.0))
 """Behind and depth of the two followers [m]; the leader swims at 1 m/s."""
 
 
-def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> FlightRecord:
-    """Two followers straight astern of a leader that swims north at 1 m/s, and so far east of
-    their stations.
+def flight_beside_stations(
+    offsets_east: tuple[Floats, Floats], seconds: float = 60.0
+) -> FlightRecord:
+    """Two followers straight astern of a leader that swims north at 1 m/s; at each instant they are
+    `offsets_east` [m] east of their stations.
     """
     flight = make_flight(seconds, 2)
     truth = flight.trajectory
@@ -39,26 +41,27 @@ def kept(offs: tuple[Floats, Floats], seconds: float = 60.0) -> FlightRecord:
     position, velocity = np.zeros_like(truth.position), np.zeros_like(truth.velocity)
     position[..., 1], velocity[..., 1] = truth.time[:, None], 1.0
     position[:, 0, 2] = -8.0
-    for i, ((behind, depth), off) in enumerate(zip(STATIONS, offs, strict=True)):
+    for i, ((behind, depth), offset) in enumerate(zip(STATIONS, offsets_east, strict=True)):
         position[:, i + 1] += np.stack(
-            [off, np.full_like(off, -behind), np.full_like(off, -depth)], axis=-1
+            [offset, np.full_like(offset, -behind), np.full_like(offset, -depth)], axis=-1
         )
-    level = np.zeros_like(truth.quaternion)
+    northbound = np.zeros_like(truth.quaternion)
     # body x to the north
-    level[..., 0] = level[..., 3] = np.sqrt(0.5)
-    moved = synthetic.moved(
+    northbound[..., 0] = northbound[..., 3] = np.sqrt(0.5)
+    trajectory = synthetic.moved(
         truth,
         position=position,
         velocity=velocity,
-        quaternion=level,
+        quaternion=northbound,
         angular_velocity=np.zeros_like(truth.angular_velocity),
         water_velocity=np.zeros_like(truth.water_velocity),
     )
     scenario = flight.scenario.model_copy(update={"followers": followers})
-    return dataclasses.replace(flight, scenario=scenario, trajectory=moved)
+    return dataclasses.replace(flight, scenario=scenario, trajectory=trajectory)
 
 
-def steady(first: float, second: float) -> tuple[Floats, Floats]:
+def constant_offsets(first: float, second: float) -> tuple[Floats, Floats]:
+    """Offsets of the first and the second follower that do not change, at each instant [m]."""
     n = make_flight(60.0, 2).trajectory.time.size
     return np.full(n, first), np.full(n, second)
 
@@ -72,11 +75,11 @@ def text_of(flight: FlightRecord, folder: Path) -> str:
 
 def test_the_nearest_pair_is_named(tmp_path: Path) -> None:
     """Followers 0.3 and 1.5 m aside; they are 10 m apart along, 1.2 m across, 2 m in depth."""
-    text = text_of(kept(steady(0.3, 1.5)), tmp_path)
+    text = text_of(flight_beside_stations(constant_offsets(0.3, 1.5)), tmp_path)
     # leader and first follower are 10 m apart along and 2 m in depth, too, but only 0.3 m across
-    space, level = np.sqrt(10.0**2 + 0.3**2 + 2.0**2), np.hypot(10.0, 0.3)
-    assert f"Closest approach: leader and follower1, {space:.1f} m at 0 s" in text
-    assert f"horizontally leader and follower1, {level:.1f} m" in text
+    distance, horizontal_distance = np.sqrt(10.0**2 + 0.3**2 + 2.0**2), np.hypot(10.0, 0.3)
+    assert f"Closest approach: leader and follower1, {distance:.1f} m at 0 s" in text
+    assert f"horizontally leader and follower1, {horizontal_distance:.1f} m" in text
 
 
 def test_avoidance_is_reported_with_its_duration(tmp_path: Path) -> None:
@@ -84,31 +87,31 @@ def test_avoidance_is_reported_with_its_duration(tmp_path: Path) -> None:
     m, 0.4 m to its side.
     """
     n = make_flight(60.0, 2).trajectory.time.size
-    flight = kept(steady(0.0, 0.4))
+    flight = flight_beside_stations(constant_offsets(0.0, 0.4))
     position = flight.trajectory.position.copy()
     position[..., 2] = -10.0
     position[n - 200 :, 2, 1] += 5.1
-    wary = flight.scenario.model_copy(
+    scenario = flight.scenario.model_copy(
         update={"formation": Formation(proximity=Proximity(range_sigma_m=0.0))}
     )
-    near = dataclasses.replace(
-        flight, scenario=wary, trajectory=synthetic.moved(flight.trajectory, position=position)
+    avoiding = dataclasses.replace(
+        flight, scenario=scenario, trajectory=synthetic.moved(flight.trajectory, position=position)
     )
     # looks every half second from 40.5 to 60 s; each sees the other
-    assert "Gave way to others: follower1 for 20 s, follower2 for " in text_of(near, tmp_path)
+    assert "Gave way to others: follower1 for 20 s, follower2 for " in text_of(avoiding, tmp_path)
     assert "Gave way" not in text_of(flight, tmp_path)
 
 
-def test_routes_are_not_spoken_of_as_stations(tmp_path: Path) -> None:
+def test_a_report_without_stations_names_no_station_error(tmp_path: Path) -> None:
     text = text_of(make_flight(20.0, 2), tmp_path)
     assert "station error" not in text
     assert "Closest approach" not in text
 
 
 def test_panels_show_the_distance_over_time_to_one_scale() -> None:
-    near, far = steady(0.3, 0.5)
+    near, far = constant_offsets(0.3, 0.5)
     far[500:] = 2.0
-    flight = kept((near, far))
+    flight = flight_beside_stations((near, far))
     figures = flight_figures.station_errors(flight, [0, 1])
     drawn = [figure.parts[0].lines[0].y for figure in figures]
     np.testing.assert_allclose(drawn[0], 0.3, atol=1e-6)
@@ -118,13 +121,15 @@ def test_panels_show_the_distance_over_time_to_one_scale() -> None:
         assert figure.parts[0].y_limits == pytest.approx((0.0, 2.2))
 
 
-def test_who_is_lost_leaves_the_panel() -> None:
-    (figure, _) = flight_figures.station_errors(kept(steady(50.0, 0.5)), [0, 1])
+def test_a_panel_of_station_errors_ends_at_ten_metres() -> None:
+    (figure, _) = flight_figures.station_errors(
+        flight_beside_stations(constant_offsets(50.0, 0.5)), [0, 1]
+    )
     assert figure.parts[0].y_limits[1] == 10.0
 
 
 def test_the_terminal_shows_each_figure_under_its_head() -> None:
-    flight = kept((np.linspace(0.1, 0.9, 601), np.linspace(0.2, 2.9, 601)))
+    flight = flight_beside_stations((np.linspace(0.1, 0.9, 601), np.linspace(0.2, 2.9, 601)))
     summary, printed = summarise(flight), io.StringIO()
     show(Console(file=printed, width=120), flight, summary)
     head, *lines = printed.getvalue().splitlines()
@@ -141,7 +146,7 @@ def test_the_terminal_shows_each_figure_under_its_head() -> None:
 
 
 def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> None:
-    flight = kept(steady(0.3, 1.5))
+    flight = flight_beside_stations(constant_offsets(0.3, 1.5))
     rows: dict[str, dict[str, Any]] = {
         "follower1": {
             "station_rms_m": 0.31,
@@ -169,7 +174,7 @@ def test_the_report_has_columns_and_a_section_of_stations(tmp_path: Path) -> Non
     assert re.search(r"follower2 +7\.00 +8\.00 +11\.00 +– +yes", text)
 
 
-def test_the_report_of_routes_has_none(tmp_path: Path) -> None:
+def test_the_report_of_routes_has_no_columns_or_section_of_stations(tmp_path: Path) -> None:
     flight = make_flight(20.0, 2)
     n = flight.measurements[0].speed.size
     path = tmp_path / "report.html"

@@ -63,10 +63,10 @@ class Exported:
         entry = self.file.accessors[accessor]
         view = self.file.bufferViews[entry.bufferView]
         columns = TYPES[entry.type]
-        kind = np.float32 if entry.componentType == pygltflib.FLOAT else np.uint32
+        dtype = np.float32 if entry.componentType == pygltflib.FLOAT else np.uint32
         blob = self.file.binary_blob()
         first = view.byteOffset + (entry.byteOffset or 0)
-        table = np.frombuffer(blob, kind, entry.count * columns, first)
+        table = np.frombuffer(blob, dtype, entry.count * columns, first)
         table = table.reshape(entry.count, columns)
         np.testing.assert_allclose(table.min(axis=0), entry.min)
         np.testing.assert_allclose(table.max(axis=0), entry.max)
@@ -109,16 +109,19 @@ def test_hulls_move_as_the_vehicles_do(
     flight: FlightRecord, exported: Exported, vehicle: int
 ) -> None:
     truth = flight.trajectory
-    time, place = exported.motion(truth.names[vehicle], "translation")
+    time, position_in_file = exported.motion(truth.names[vehicle], "translation")
     position, quaternion = truth.at(time.clip(0, truth.time[-1]))
-    np.testing.assert_allclose(place, position[:, vehicle], atol=1e-4)
-    same_time, quaternion = exported.motion(truth.names[vehicle], "rotation")
+    np.testing.assert_allclose(position_in_file, position[:, vehicle], atol=1e-4)
+    same_time, quaternion_in_file = exported.motion(truth.names[vehicle], "rotation")
     np.testing.assert_array_equal(same_time, time)
     assert time[-1] == pytest.approx(truth.time[-1], abs=0.2)
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0]])
     for axis in axes:
-        ours = attitude.rotate(np.roll(quaternion, 1, axis=1), axis)
-        np.testing.assert_allclose(ours, attitude.rotate(quaternion[:, vehicle], axis), atol=1e-5)
+        # glTF writes w last
+        rotated = attitude.rotate(np.roll(quaternion_in_file, 1, axis=1), axis)
+        np.testing.assert_allclose(
+            rotated, attitude.rotate(quaternion[:, vehicle], axis), atol=1e-5
+        )
 
 
 def test_the_sea_stands_upright(exported: Exported) -> None:
@@ -138,15 +141,15 @@ def test_the_sea_stands_upright(exported: Exported) -> None:
 def test_the_estimate_and_its_path_are_the_navigators(
     flight: FlightRecord, exported: Exported
 ) -> None:
-    time, place = exported.motion("follower estimate", "translation")
+    time, position_in_file = exported.motion("follower estimate", "translation")
     steps = flight.trajectory.time[flight.step_index()]
     state = flight.estimates[0].state
     for axis in range(2):
         expected = np.interp(time, steps, state[:, axis])
-        np.testing.assert_allclose(place[1:, axis], expected[1:], atol=1e-3)
+        np.testing.assert_allclose(position_in_file[1:, axis], expected[1:], atol=1e-3)
     (line,) = exported.mesh("follower estimated path")
     assert line.mode == pygltflib.LINE_STRIP
-    np.testing.assert_array_equal(exported.values(line.attributes.POSITION), place)
+    np.testing.assert_array_equal(exported.values(line.attributes.POSITION), position_in_file)
 
 
 def test_a_hull_is_as_large_as_its_model(exported: Exported) -> None:

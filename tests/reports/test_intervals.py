@@ -1,5 +1,5 @@
-"""Confidence intervals: against closed forms, scipy's own, and how often they hold what they
-should.
+"""Confidence intervals: against closed forms, against SciPy's, and how often they cover the true
+value.
 """
 
 import math
@@ -35,6 +35,7 @@ def test_a_proportion_has_the_exact_limits(count: int, of: int, confidence: floa
 
 
 def test_none_of_forty_is_at_most_nine_per_cent() -> None:
+    """The upper limit solves (1 − p)⁴⁰ = 2.5 %."""
     low, high = proportion(0, 40)[1:]
     assert low == 0.0
     assert high == pytest.approx(1 - 0.025 ** (1 / 40), rel=1e-9)
@@ -99,8 +100,8 @@ def test_values_without_skewness_have_the_limits_of_students_t() -> None:
     ],
 )
 def test_intervals_have_about_their_nominal_coverage(law: str, runs: int, least: float) -> None:
-    """A tenth of 20 runs locked on the mirror image: 12 % of samples have none of them: at most
-    88 %.
+    """Where a tenth of runs locks on the mirror image, 0.9²⁰ = 12 % of samples of 20 runs have none
+    of them, so that at most 88 % of intervals cover the true mean.
     """
     trials = 4000
     assert least <= count_covering(law, runs, trials) / trials < 0.985
@@ -112,7 +113,7 @@ def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None
         "known",
         coverage.Law("", 0.5, lambda rng, shape: (np.linspace(0, 1, 7)[None], None)),
     )
-    ends = [
+    limits = [
         (0.5, 0.6),
         (0.4, 0.5),
         (0.51, 0.6),
@@ -122,7 +123,7 @@ def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None
         (0.6, 0.9),
     ]
     monkeypatch.setattr(
-        coverage, "ratio_intervals", lambda above, below: [Interval(0.5, *pair) for pair in ends]
+        coverage, "ratio_intervals", lambda above, below: [Interval(0.5, *pair) for pair in limits]
     )
     assert count_covering("known", 20, 7) == 3
 
@@ -130,17 +131,20 @@ def test_coverage_counts_what_is_inside(monkeypatch: pytest.MonkeyPatch) -> None
 def test_only_runs_that_count_are_in_a_mean() -> None:
     rng = np.random.default_rng(5)
     values, counted = rng.normal(3.0, 1.0, 400), rng.random(400) < 0.3
-    spoiled = np.where(counted, values, 1e6)
-    among, alone = mean_interval(spoiled, counted), mean_interval(values[counted])
-    assert among.value == pytest.approx(values[counted].mean(), rel=1e-12)
-    assert among == pytest.approx(alone, rel=1e-9)
+    values_with_outliers = np.where(counted, values, 1e6)
+    with_mask, counted_only = (
+        mean_interval(values_with_outliers, counted),
+        mean_interval(values[counted]),
+    )
+    assert with_mask.value == pytest.approx(values[counted].mean(), rel=1e-12)
+    assert with_mask == pytest.approx(counted_only, rel=1e-9)
 
 
-def test_equal_values_leave_nothing_open() -> None:
+def test_equal_values_have_an_interval_of_no_width() -> None:
     assert mean_interval(np.full(64, 0.25)) == (0.25, 0.25, 0.25)
 
 
-def test_few_runs_bound_nothing() -> None:
+def test_few_runs_have_no_limits() -> None:
     counted = np.arange(64) < FEWEST_RUNS - 1
     interval = mean_interval(np.ones(64), counted)
     assert interval.value == 1.0
@@ -151,8 +155,8 @@ def test_few_runs_bound_nothing() -> None:
 
 def test_a_ratio_counts_whole_runs() -> None:
     # messages of a run are all alike: there are 80 independent trials, not 8000
-    alike = (np.arange(80) % 4 == 0).astype(float)
-    (interval,) = ratio_intervals((100 * alike)[:, None], np.full((80, 1), 100.0))
+    per_message = (np.arange(80) % 4 == 0).astype(float)
+    (interval,) = ratio_intervals((100 * per_message)[:, None], np.full((80, 1), 100.0))
     half = 1.96 * math.sqrt(0.25 * 0.75 / 80)
     assert interval.value == pytest.approx(0.25)
     assert (interval.low, interval.high) == pytest.approx(
@@ -163,25 +167,30 @@ def test_a_ratio_counts_whole_runs() -> None:
 @pytest.mark.parametrize(
     ("rates", "runs"), [((0.3, 0.3), 64), ((0.02, 0.0), 64), ((0.001, 0.001), 384)]
 )
-def test_limits_of_a_difference_of_mirror_locks_hold_it(
+def test_limits_of_a_difference_of_shares_cover_the_true_one(
     rates: tuple[float, float], runs: int
 ) -> None:
     rng, trials = np.random.default_rng(7), 3000
-    more, fewer = rates
+    gained_rate, lost_rate = rates
     draw = rng.random((trials, runs))
-    difference = (draw < more).astype(float) - (draw > 1 - fewer).astype(float)
+    difference = (draw < gained_rate).astype(float) - (draw > 1 - lost_rate).astype(float)
     actual = [difference_of_shares(d) for d in difference]
-    scatter = 3 * math.sqrt(0.025 * 0.975 / trials)
-    assert np.mean([i.high < more - fewer for i in actual]) <= 0.025 + scatter + 0.005
-    assert np.mean([i.low > more - fewer for i in actual]) <= 0.025 + scatter + 0.005
+    sampling_error = 3 * math.sqrt(0.025 * 0.975 / trials)
+    assert (
+        np.mean([i.high < gained_rate - lost_rate for i in actual])
+        <= 0.025 + sampling_error + 0.005
+    )
+    assert (
+        np.mean([i.low > gained_rate - lost_rate for i in actual]) <= 0.025 + sampling_error + 0.005
+    )
 
 
-def test_what_no_run_did_is_not_impossible() -> None:
-    none = difference_of_shares(np.zeros(64))
-    assert none.value == 0.0
+def test_a_difference_that_no_run_shows_has_limits_all_the_same() -> None:
+    no_changes = difference_of_shares(np.zeros(64))
+    assert no_changes.value == 0.0
     # z √(2 / 66) / √66: 2 added runs of 66 in all
-    assert none.high == pytest.approx(1.959964 * math.sqrt(2 / 66 / 66), rel=1e-6)
-    assert none.low == -none.high
+    assert no_changes.high == pytest.approx(1.959964 * math.sqrt(2 / 66 / 66), rel=1e-6)
+    assert no_changes.low == -no_changes.high
     assert difference_of_shares(np.ones(30)).high == 1.0
 
 
@@ -194,27 +203,27 @@ def test_a_mean_over_missions_has_the_scatter_of_their_runs() -> None:
 
 def test_a_share_of_sums_weighs_missions_by_what_there_is_to_remove() -> None:
     rng = np.random.default_rng(8)
-    parts = [1.0 + 0.01 * rng.normal(size=50), 9.0 + 0.01 * rng.normal(size=50)]
-    lefts = [0.5 * parts[0], 0.1 * parts[1]]
-    expected = 1.0 - (0.5 * parts[0].mean() + 0.1 * parts[1].mean()) / (
-        parts[0].mean() + parts[1].mean()
+    errors = [1.0 + 0.01 * rng.normal(size=50), 9.0 + 0.01 * rng.normal(size=50)]
+    remaining_errors = [0.5 * errors[0], 0.1 * errors[1]]
+    expected = 1.0 - (0.5 * errors[0].mean() + 0.1 * errors[1].mean()) / (
+        errors[0].mean() + errors[1].mean()
     )
-    share = share_removed(list(zip(parts, lefts, strict=True)))
+    share = share_removed(list(zip(errors, remaining_errors, strict=True)))
     assert share.value == pytest.approx(expected, rel=1e-12)
     assert share.low < share.value < share.high
 
 
 def test_the_interval_of_a_share_has_its_nominal_coverage() -> None:
     rng, trials = np.random.default_rng(9), 2000
-    outside = 0
+    misses = 0
     for _ in range(trials):
         missions = []
         for size in (0.2, 1.0, 3.0):
-            part = size * rng.gamma(1.0, size=40)
-            missions.append((part, 0.15 * part + 0.2 * rng.normal(size=40)))
+            error = size * rng.gamma(1.0, size=40)
+            missions.append((error, 0.15 * error + 0.2 * rng.normal(size=40)))
         share = share_removed(missions)
-        outside += not share.low <= 0.85 <= share.high
-    assert outside / trials == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / trials) + 0.005)
+        misses += not share.low <= 0.85 <= share.high
+    assert misses / trials == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / trials) + 0.005)
 
 
 def test_a_share_of_nothing_has_no_limits() -> None:
@@ -227,20 +236,22 @@ def test_a_share_of_nothing_has_no_limits() -> None:
 
 @pytest.mark.parametrize("runs", [700, 1280])
 def test_many_runs_have_limits_of_second_order(runs: int) -> None:
-    """Twice 1.96 standard errors, and moved by (2 z² + 1) γ / 6 √n of them to second order."""
+    """They are twice 1.96 standard errors apart; to second order their middle is moved by
+    (2 z² + 1) γ / 6 √n of these errors, where γ is the skewness.
+    """
     rng = np.random.default_rng(runs)
     values = rng.gamma(1.0, size=runs)
     counted = rng.random(runs) < 0.8
     actual = mean_interval(values, counted)
-    some = values[counted]
-    error = some.std() / np.sqrt(some.size)
-    assert actual.value == pytest.approx(some.mean(), rel=1e-12)
+    counted_values = values[counted]
+    error = counted_values.std() / np.sqrt(counted_values.size)
+    assert actual.value == pytest.approx(counted_values.mean(), rel=1e-12)
     assert actual.high - actual.low == pytest.approx(2 * 1.96 * error, rel=0.1)
     shift = (
         (2 * 1.96**2 + 1)
-        * float(np.mean(((some - some.mean()) / some.std()) ** 3))
+        * float(np.mean(((counted_values - counted_values.mean()) / counted_values.std()) ** 3))
         / 6
-        / np.sqrt(some.size)
+        / np.sqrt(counted_values.size)
     )
     assert (actual.high + actual.low) / 2 - actual.value == pytest.approx(
         shift * error, abs=0.06 * error
@@ -251,10 +262,10 @@ def test_a_study_that_stops_by_its_interval_takes_as_many_runs_as_the_law_needs(
     """σ = 1 and half of an interval of 0.1 need (1.96 / 0.1)² = 384 runs; an interval is no
     wider than required.
     """
-    actual = [
+    intervals = [
         coverage.interval_when_stopped("normal", np.random.default_rng(seed)) for seed in range(50)
     ]
-    halves = np.array([(one.high - one.low) / 2 for one in actual])
-    assert halves.max() <= 0.1
-    assert np.median(halves) > 0.08
+    half_widths = np.array([(interval.high - interval.low) / 2 for interval in intervals])
+    assert half_widths.max() <= 0.1
+    assert np.median(half_widths) > 0.08
     assert coverage.count_covering_when_stopped("normal", 200) == pytest.approx(190, abs=12)

@@ -31,7 +31,7 @@ from reports.page import (
     words,
 )
 from reports.style import ESTIMATE, FOLLOWER, LEADER, SERIES, TRANSMITTERS
-from tests.reports.markup import checked
+from tests.reports.markup import require_well_formed
 
 
 def drawing(**settings):
@@ -63,7 +63,7 @@ def sample_page(**changes):
 def test_a_page_is_whole_escaped_and_always_the_same():
     html = page.render(sample_page())
     assert html == page.render(sample_page())
-    checker = checked(html)
+    checker = require_well_formed(html)
     assert "<i>text</i>" not in html
     assert "&lt;i&gt;text&lt;/i&gt;" in html
     assert "Title & more" in checker.text
