@@ -50,16 +50,16 @@ class Imported:
 
     @property
     def mass(self) -> float:
-        """Of the body [kg]."""
+        """Mass of the body [kg]."""
         return float(self.plant.model.body("own/hull").mass[0])
 
     @property
     def centre(self) -> Floats:
-        """Of gravity [m]."""
+        """Centre of gravity [m]."""
         return np.array(self.plant.model.body("own/hull").ipos)
 
     def matrix(self, name: str) -> Floats:
-        """6×6 damping, "linear" or "quadratic"."""
+        """6×6 matrix of damping, by name "linear" or "quadratic"."""
         return np.diag(self.record[f"{name}_damping"]) + self.record[f"{name}_coupling"]
 
     def effector(self, name: str) -> Any:

@@ -10,15 +10,19 @@ from sim.gazebo.body import solid_of
 from sim.gazebo.document import parse
 from tests.sim.gazebo.imported import PROBE, changed, import_text, refusal
 
-HULL = PROBE[PROBE.index("<inertial>") : PROBE.index("</inertial>") + len("</inertial>")]
-BOX = "<geometry><box><size>1.6 0.16 0.15625</size></box></geometry>"
-MORE = "<!-- more parts -->"
+HULL_INERTIAL = PROBE[PROBE.index("<inertial>") : PROBE.index("</inertial>") + len("</inertial>")]
+HULL_GEOMETRY = "<geometry><box><size>1.6 0.16 0.15625</size></box></geometry>"
+PLACEHOLDER = "<!-- more parts -->"  # where tests add elements to the probe
 
 
-def sampled(inside: Floats, points: Floats, cell: float) -> tuple[float, Floats]:
-    """Volume and mean squares of the coordinates of the points inside, each of a cell's volume."""
-    chosen = points[inside]
-    return len(chosen) * cell, (chosen**2).mean(axis=0)
+def volume_and_mean_squares(
+    inside: Floats, points: Floats, cell_volume: float
+) -> tuple[float, Floats]:
+    """Volume of a shape by the points inside it, each of which stands for a cell, and mean squares
+    of their coordinates.
+    """
+    points_inside = points[inside]
+    return len(points_inside) * cell_volume, (points_inside**2).mean(axis=0)
 
 
 @pytest.mark.parametrize(
@@ -33,8 +37,10 @@ def sampled(inside: Floats, points: Floats, cell: float) -> tuple[float, Floats]
 )
 def test_shapes_have_the_volume_and_inertia_of_their_points(shape: str, formula: str) -> None:
     count = 120
-    edge = (np.arange(count) + 0.5) / count - 0.5
-    points = np.stack(np.meshgrid(edge, edge, edge, indexing="ij"), axis=-1).reshape(-1, 3)
+    coordinates = (np.arange(count) + 0.5) / count - 0.5
+    points = np.stack(
+        np.meshgrid(coordinates, coordinates, coordinates, indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     x, y, z = points.T
     radius = np.hypot(x, y)
     inside = {
@@ -44,28 +50,34 @@ def test_shapes_have_the_volume_and_inertia_of_their_points(shape: str, formula:
         "cylinder": radius < 0.4,
         "capsule": radius**2 + np.maximum(abs(z) - 0.2, 0.0) ** 2 < 0.09,
     }[formula]
-    volume, squares = sampled(inside, points, 1.0 / count**3)
+    volume, squares = volume_and_mean_squares(inside, points, 1.0 / count**3)
     solid = solid_of(parse(f"<collision><geometry>{shape}</geometry></collision>"))
     assert solid is not None
     assert solid.volume == pytest.approx(volume, rel=0.005)
     moments = squares.sum() - squares
     np.testing.assert_allclose(np.diag(solid.unit_inertia), moments, rtol=0.005)
-    reach = abs(points[inside]).max(axis=0)
-    np.testing.assert_allclose(solid.half_extents, reach, atol=1.0 / count)
+    half_extents = abs(points[inside]).max(axis=0)
+    np.testing.assert_allclose(solid.half_extents, half_extents, atol=1.0 / count)
 
 
 def test_automatic_inertia_is_that_of_the_collisions(tmp_path: Path) -> None:
-    """A box of 0.04 m³ and 1000 kg/m³; of a stated mass, as sdformat 15, in proportion."""
-    hull = import_text(tmp_path, changed(PROBE, (HULL, '<inertial auto="true"/>')))
+    """A box of 0.04 m³ and 1000 kg/m³, and the screw of 0.01 kg, 0.8 m astern, with moments of
+    0.001 kg m²; where a mass is stated, it is that mass, as in sdformat 15.
+    """
+    hull = import_text(tmp_path, changed(PROBE, (HULL_INERTIAL, '<inertial auto="true"/>')))
     assert hull.mass == pytest.approx(40.01)
     moments = 40.0 / 12.0 * np.array([0.16**2 + 0.15625**2, 1.6**2 + 0.15625**2, 1.6**2 + 0.16**2])
     moments += [0.001, 0.001 + 0.01 * 0.64, 0.001 + 0.01 * 0.64]
     actual = np.sort(hull.plant.model.body("own/hull").inertia)
     np.testing.assert_allclose(actual, np.sort(moments), rtol=1e-4)
-    denser = '<inertial auto="true"><density>990</density></inertial>'
-    assert import_text(tmp_path, changed(PROBE, (HULL, denser))).mass == pytest.approx(39.61)
-    stated = '<inertial auto="true"><mass>39</mass></inertial>'
-    assert import_text(tmp_path, changed(PROBE, (HULL, stated))).mass == pytest.approx(39.01)
+    of_stated_density = '<inertial auto="true"><density>990</density></inertial>'
+    assert import_text(
+        tmp_path, changed(PROBE, (HULL_INERTIAL, of_stated_density))
+    ).mass == pytest.approx(39.61)
+    of_stated_mass = '<inertial auto="true"><mass>39</mass></inertial>'
+    assert import_text(
+        tmp_path, changed(PROBE, (HULL_INERTIAL, of_stated_mass))
+    ).mass == pytest.approx(39.01)
 
 
 def test_what_an_inertial_lacks_is_as_in_gazebo(tmp_path: Path) -> None:
@@ -74,8 +86,9 @@ def test_what_an_inertial_lacks_is_as_in_gazebo(tmp_path: Path) -> None:
         '<link name="bare"/><joint name="j" type="fixed"><parent>hull</parent><child>bare</child>'
         "</joint>"
     )
-    hull = import_text(tmp_path, changed(PROBE, (MORE, bare)))
+    hull = import_text(tmp_path, changed(PROBE, (PLACEHOLDER, bare)))
     assert hull.mass == pytest.approx(41.0)
+    # about the long axis: 0.4 of the hull, 0.001 of the screw, 1 of the link
     assert hull.plant.model.body("own/hull").inertia.min() == pytest.approx(1.401, rel=1e-6)
     assert hull.says("link 'bare': no <inertial>", "1 kg and moments of 1 kg m²")
 
@@ -103,14 +116,18 @@ def test_buoyancy_is_that_of_the_water_of_the_world(tmp_path: Path) -> None:
     # the same hull in fresh water loses buoyancy in proportion
     fresh = import_text(tmp_path, changed(PROBE, (uniform, graded)), density=1000.0)
     assert fresh.record["buoyancy"] == pytest.approx(0.04 * 1000.0 * 9.81)
-    other = changed(PROBE, (uniform, f"{uniform}<enable>another</enable>"))
-    assert import_text(tmp_path, other).says("its collisions displace 0 N", "weight is taken")
+    for_another_model = changed(PROBE, (uniform, f"{uniform}<enable>another</enable>"))
+    assert import_text(tmp_path, for_another_model).says(
+        "its collisions displace 0 N", "weight is taken"
+    )
 
 
 def test_a_mesh_gives_no_volume_and_says_so(tmp_path: Path) -> None:
-    """Size from mass and inertia: a box of 39.99 kg with moments 0.4, 8, 8."""
+    """The size is that of a body of 39.99 kg with moments of 0.4, 8 and 8 kg m², and buoyancy is
+    the weight.
+    """
     mesh = "<geometry><mesh><uri>hull.dae</uri></mesh></geometry>"
-    hull = import_text(tmp_path, changed(PROBE, (BOX, mesh)))
+    hull = import_text(tmp_path, changed(PROBE, (HULL_GEOMETRY, mesh)))
     assert hull.says("link 'hull': a collision is a <mesh>", "volume is not read")
     assert hull.says("length", "diameter", "without the meshes")
     assert hull.record["buoyancy"] == pytest.approx(hull.mass * 9.81)
@@ -151,11 +168,11 @@ def test_a_hull_along_another_axis_is_turned(tmp_path: Path) -> None:
     ("pairs", "words"),
     [
         ([("<mass>39.99</mass>", "<mass>heavy</mass>")], "<mass>: expected 1 number"),
-        ([(MORE, "<static>true</static>")], "model 'probe' is <static>: it does not move"),
+        ([(PLACEHOLDER, "<static>true</static>")], "model 'probe' is <static>: it does not move"),
         (
             [
                 (
-                    MORE,
+                    PLACEHOLDER,
                     '<joint name="tie" type="fixed"><parent>world</parent><child>hull</child>'
                     "</joint>",
                 )

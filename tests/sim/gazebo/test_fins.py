@@ -25,6 +25,7 @@ WITH_FIN = changed(PROBE, ("<!-- more parts -->", FIN))
 
 
 def force(fin: object, angle: float, velocity: tuple[float, float, float]) -> np.ndarray:
+    """Of a fin at a deflection [rad] in water of 1000 kg/m³, forward, to port and up [N]."""
     return np.array(foil_force(fin, 1000.0, angle, velocity))
 
 
@@ -38,14 +39,14 @@ def test_a_positive_angle_turns_about_the_joints_axis(tmp_path: Path) -> None:
     """About +y the leading edge goes down: less lift by ½ 1000 · 0.02 · 4 · 0.05."""
     fin = import_text(tmp_path, WITH_FIN).effector("fin")
     assert force(fin, 0.05, (1.0, 0.0, 0.0))[2] == pytest.approx(4.0 - 2.0)
-    turned = changed(WITH_FIN, ("<xyz>0 1 0</xyz>", "<xyz>0 -1 0</xyz>"))
-    other = import_text(tmp_path, turned).effector("fin")
-    assert force(other, 0.05, (1.0, 0.0, 0.0))[2] == pytest.approx(4.0 + 2.0)
-    posed = changed(
+    reversed_axis = changed(WITH_FIN, ("<xyz>0 1 0</xyz>", "<xyz>0 -1 0</xyz>"))
+    reversed_fin = import_text(tmp_path, reversed_axis).effector("fin")
+    assert force(reversed_fin, 0.05, (1.0, 0.0, 0.0))[2] == pytest.approx(4.0 + 2.0)
+    joint_turned_round = changed(
         WITH_FIN,
         ("<child>fin</child>", '<child>fin</child><pose degrees="true">0 0 0 180 0 0</pose>'),
     )
-    assert force(import_text(tmp_path, posed).effector("fin"), 0.05, (1.0, 0.0, 0.0))[
+    assert force(import_text(tmp_path, joint_turned_round).effector("fin"), 0.05, (1.0, 0.0, 0.0))[
         2
     ] == pytest.approx(6.0)
 
@@ -72,7 +73,9 @@ def test_lift_and_drag_beyond_the_stall_angle(
 
 
 def test_sweep_and_flow_from_behind_take_lift(tmp_path: Path) -> None:
-    """Swept by 30°: pressure and coefficients each with the squared cosine; none from behind."""
+    """In a flow at 30° to the chord, along the span, pressure and coefficients each have the
+    squared cosine as a factor; a flow from behind gives no force unless the fin is reversible.
+    """
     hull = import_text(tmp_path, WITH_FIN)
     fin = hull.effector("fin")
     swept = force(fin, 0.0, (np.cos(np.pi / 6), np.sin(np.pi / 6), 0.0))
@@ -80,18 +83,20 @@ def test_sweep_and_flow_from_behind_take_lift(tmp_path: Path) -> None:
     np.testing.assert_array_equal(force(fin, 0.0, (-1.0, 0.0, 0.0)), 0.0)
     np.testing.assert_array_equal(force(fin, 0.0, (0.005, 0.0, 0.0)), 0.0)
     both_ways = changed(WITH_FIN, ("<a0>", "<reversible>true</reversible><a0>"))
-    other = import_text(tmp_path, both_ways).effector("fin")
+    reversible_fin = import_text(tmp_path, both_ways).effector("fin")
     # at 180° the incidence is a0, and the lift is across the reversed flow
-    assert force(other, 0.0, (-1.0, 0.0, 0.0))[2] == pytest.approx(-4.0)
+    assert force(reversible_fin, 0.0, (-1.0, 0.0, 0.0))[2] == pytest.approx(-4.0)
 
 
 def test_the_autopilot_knows_the_incidence_at_no_deflection(tmp_path: Path) -> None:
-    """A state that gives a force gives it."""
+    """The deflection that is computed for a force gives it."""
     fin = import_text(tmp_path, WITH_FIN).effector("fin")
-    for wanted in (-2.0, 0.0, 3.0):
-        state = state_for(BUILT_IN, fin, 1000.0, wanted, 1.0)
-        # the axis of the fin is down, as its joint turns it that way
-        assert -force(fin, state, (1.0, 0.0, 0.0))[2] == pytest.approx(wanted, abs=1e-9)
+    for required_force in (-2.0, 0.0, 3.0):
+        deflection = state_for(BUILT_IN, fin, 1000.0, required_force, 1.0)
+        # a positive force of the fin is down, since its joint turns the leading edge down
+        up = force(fin, deflection, (1.0, 0.0, 0.0))[2]
+        assert -up == pytest.approx(required_force, abs=1e-9)
+    # 40 N a radian: up by the stall angle of 0.17, down by the upper limit of 0.2 less a0 = 0.1
     low, high = force_limits(BUILT_IN, fin, 1000.0, 1.0)
     assert low == pytest.approx(40.0 * -0.17)
     assert high == pytest.approx(40.0 * 0.1)
@@ -143,7 +148,7 @@ def test_a_fin_in_air_has_the_forces_of_air(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_of_a_fin_is_not_used_is_named(
+def test_elements_of_a_fin_that_are_not_used_are_named(
     tmp_path: Path, pair: tuple[str, str], words: list[str]
 ) -> None:
     hull = import_text(tmp_path, changed(WITH_FIN, pair))
@@ -159,7 +164,7 @@ def test_what_of_a_fin_is_not_used_is_named(
         (("<cla>4</cla>", "<cla>0</cla>"), ["left out", "cla is 0 and its area 0.02 m²"]),
     ],
 )
-def test_a_fin_that_cannot_be_one_is_left_out_with_a_note(
+def test_a_fin_without_lift_or_with_unusable_axes_is_left_out_with_a_note(
     tmp_path: Path, pair: tuple[str, str], words: list[str]
 ) -> None:
     hull = import_text(tmp_path, changed(WITH_FIN, pair))

@@ -1,4 +1,4 @@
-"""Poses and axes by SDF's rules, through the command: places by hand."""
+"""Poses and axes by SDF's rules, through the command, against positions and axes by hand."""
 
 from pathlib import Path
 
@@ -10,12 +10,12 @@ from tests.sim.gazebo.imported import PROBE, changed, import_text, refusal
 POSE = "<pose>-0.8 0 0 0 0 0</pose>"
 AXIS = "<axis><xyz>1 0 0</xyz></axis>"
 CHILD = "<child>screw</child>"
-QUARTER = "1.5707963267948966"
-MORE = "<!-- more parts -->"
+QUARTER_TURN = "1.5707963267948966"
+PLACEHOLDER = "<!-- more parts -->"  # where tests add elements to the probe
 
 
 @pytest.mark.parametrize(
-    ("pairs", "place"),
+    ("pairs", "position"),
     [
         ([(POSE, '<pose relative_to="hull">-0.8 0 0 0 0 0</pose>')], (-0.8, 0, 0)),
         ([(POSE, '<pose relative_to="__model__">-0.8 0 0 0 0 0</pose>')], (-0.8, 0, 0)),
@@ -23,7 +23,10 @@ MORE = "<!-- more parts -->"
             # a frame at (−0.7, 0.1, 0), turned by 90°: its x is the model's y
             [
                 (POSE, '<pose relative_to="tail">0.2 0.1 0 0 0 0</pose>'),
-                (MORE, f'<frame name="tail"><pose>-0.7 0.1 0 0 0 {QUARTER}</pose></frame>'),
+                (
+                    PLACEHOLDER,
+                    f'<frame name="tail"><pose>-0.7 0.1 0 0 0 {QUARTER_TURN}</pose></frame>',
+                ),
             ],
             (-0.8, 0.3, 0),
         ),
@@ -32,7 +35,7 @@ MORE = "<!-- more parts -->"
             [
                 (POSE, '<pose relative_to="tail">-0.2 0 0 0 0 0</pose>'),
                 (
-                    MORE,
+                    PLACEHOLDER,
                     '<frame name="half"><pose>-0.4 0 0 0 0 0</pose></frame>'
                     '<frame name="tail" attached_to="half"><pose>-0.2 0 0 0 0 0</pose></frame>',
                 ),
@@ -43,43 +46,43 @@ MORE = "<!-- more parts -->"
     ],
 )
 def test_a_link_stands_where_its_pose_says(
-    tmp_path: Path, pairs: list[tuple[str, str]], place: tuple[float, float, float]
+    tmp_path: Path, pairs: list[tuple[str, str]], position: tuple[float, float, float]
 ) -> None:
     hull = import_text(tmp_path, changed(PROBE, *pairs))
-    np.testing.assert_allclose(hull.effector("screw")["place"], place, atol=1e-9)
+    np.testing.assert_allclose(hull.effector("screw")["place"], position, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("pairs", "axis"),
     [
-        # link pose, joint pose, axis
-        ([(CHILD, f"{CHILD}<pose>0 0 0 0 0 {QUARTER}</pose>")], (0, 1, 0)),
+        # by the poses of link and joint, and the axis in the joint's frame
+        ([(CHILD, f"{CHILD}<pose>0 0 0 0 0 {QUARTER_TURN}</pose>")], (0, 1, 0)),
         (
             [
-                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER}</pose>"),
+                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER_TURN}</pose>"),
                 (CHILD, f'{CHILD}<pose degrees="true">0 0 0 90 0 0</pose>'),
                 (AXIS, "<axis><xyz>0 1 0</xyz></axis>"),
             ],
-            # about x by 90° y is z, which the link's yaw leaves
+            # turned by 90° about x, y becomes z, which the link's yaw does not change
             (0, 0, 1),
         ),
         (
             [
-                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER}</pose>"),
+                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER_TURN}</pose>"),
                 (AXIS, '<axis><xyz expressed_in="__model__">1 0 0</xyz></axis>'),
             ],
             (1, 0, 0),
         ),
         (
             [
-                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER}</pose>"),
+                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER_TURN}</pose>"),
                 (AXIS, '<axis><xyz expressed_in="hull">0 2 0</xyz></axis>'),
             ],
             (0, 1, 0),
         ),
         (
             [
-                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER}</pose>"),
+                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER_TURN}</pose>"),
                 (
                     AXIS,
                     "<axis><xyz>1 0 0</xyz><use_parent_model_frame>1</use_parent_model_frame>"
@@ -92,7 +95,7 @@ def test_a_link_stands_where_its_pose_says(
             # before SDF 1.5, axes were always in the model's frame
             [
                 ('version="1.9"', 'version="1.4"'),
-                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER}</pose>"),
+                (POSE, f"<pose>-0.8 0 0 0 0 {QUARTER_TURN}</pose>"),
             ],
             (1, 0, 0),
         ),
@@ -127,7 +130,7 @@ def test_an_axis_is_turned_by_link_joint_and_frame(
         ([(POSE, "<pose>-0.8 0 0</pose>")], "<pose> of 'screw': expected 6 numbers"),
         ([(AXIS, "<axis><xyz>0 0 0</xyz></axis>")], "<axis> of joint 'screw_joint' must not be"),
         (
-            [(MORE, '<link name="screw"/>')],
+            [(PLACEHOLDER, '<link name="screw"/>')],
             "model 'probe': two elements have the name 'screw'",
         ),
     ],
@@ -141,13 +144,13 @@ def test_frames_that_cannot_be_resolved_are_refused(
 def test_parts_of_nested_models_count(tmp_path: Path) -> None:
     """A ballast of 2 kg at (0.5, 0.2, 0): the nested model at (0.4, 0.1, 0), turned by 90°."""
     nested = (
-        f'<model name="pack"><pose>0.4 0.1 0 0 0 {QUARTER}</pose>'
+        f'<model name="pack"><pose>0.4 0.1 0 0 0 {QUARTER_TURN}</pose>'
         '<link name="ballast"><pose>0.1 -0.1 0 0 0 0</pose>'
         "<inertial><mass>2</mass></inertial></link>"
         '</model><joint name="hold" type="fixed"><parent>hull</parent><child>pack::ballast</child>'
         "</joint>"
     )
-    hull = import_text(tmp_path, changed(PROBE, (MORE, nested)))
+    hull = import_text(tmp_path, changed(PROBE, (PLACEHOLDER, nested)))
     assert hull.mass == pytest.approx(42.0)
-    place = (2 * np.array([0.5, 0.2, 0.0]) + 0.01 * np.array([-0.8, 0.0, 0.0])) / 42.0
-    np.testing.assert_allclose(hull.centre, place, atol=1e-9)
+    centre = (2 * np.array([0.5, 0.2, 0.0]) + 0.01 * np.array([-0.8, 0.0, 0.0])) / 42.0
+    np.testing.assert_allclose(hull.centre, centre, atol=1e-9)

@@ -23,50 +23,62 @@ GRAVITY = 9.81
 class Foil:
     """A fin of LiftDrag, in the hull's axes."""
 
-    place: tuple[float, float, float]  # of the link
-    cp: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: tuple[float, float, float]  # of the link [m]
+    centre_of_pressure: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the link [m]
     upward: tuple[float, float, float]
     hinge: tuple[float, float, float]  # axis of the joint
-    area: float
-    slope: float
-    slope_beyond: float
-    drag: float
-    drag_beyond: float
-    stall: float
+    area: float  # [m²]
+    lift_slope: float  # of the coefficient [1/rad]
+    stalled_lift_slope: float  # beyond the stall angle
+    drag_slope: float  # of the coefficient [1/rad]
+    stalled_drag_slope: float  # beyond the stall angle
+    stall_angle: float  # [rad]
 
-    def force(self, density: float, angle: float, v: Floats, w: Floats) -> tuple[Floats, Floats]:
+    def force(
+        self, density: float, angle: float, velocity: Floats, angular_velocity: Floats
+    ) -> tuple[Floats, Floats]:
         """Force and its moment about the hull's origin, at an angle of the joint."""
         rotation = Rotation.from_rotvec(angle * np.array(self.hinge)).as_matrix()
         forward = rotation @ np.array([1.0, 0.0, 0.0])
         upward = rotation @ np.array(self.upward)
-        place = np.array(self.place) + rotation @ np.array(self.cp)
-        flow = v + np.cross(w, place)
+        arm = np.array(self.position) + rotation @ np.array(self.centre_of_pressure)
+        flow = velocity + np.cross(angular_velocity, arm)
         speed = np.linalg.norm(flow)
         if speed <= 0.01 or forward @ flow <= 0.0:
             return np.zeros(3), np.zeros(3)
         span = np.cross(forward, upward)
-        sweep = 1.0 - (span @ flow / speed) ** 2
-        plane = flow - (flow @ span) * span
-        along = plane / np.linalg.norm(plane)
-        lift_direction = np.cross(span, along)
+        squared_cosine_of_sweep = 1.0 - (span @ flow / speed) ** 2
+        flow_across_span = flow - (flow @ span) * span
+        flow_direction = flow_across_span / np.linalg.norm(flow_across_span)
+        lift_direction = np.cross(span, flow_direction)
         alpha = np.arccos(np.clip(lift_direction @ upward, -1.0, 1.0))
         if lift_direction @ forward < 0.0:
             alpha = -alpha
-        if abs(alpha) > self.stall:
-            beyond = abs(alpha) - self.stall
-            lift = np.sign(alpha) * max(self.slope * self.stall + self.slope_beyond * beyond, 0.0)
-            drag = self.drag * self.stall + self.drag_beyond * beyond
+        if abs(alpha) > self.stall_angle:
+            excess = abs(alpha) - self.stall_angle
+            lift = np.sign(alpha) * max(
+                self.lift_slope * self.stall_angle + self.stalled_lift_slope * excess, 0.0
+            )
+            drag = self.drag_slope * self.stall_angle + self.stalled_drag_slope * excess
         else:
-            lift = self.slope * alpha
-            drag = self.drag * alpha
-        pressure = 0.5 * density * (plane @ plane) * self.area * sweep
-        force = pressure * (lift * lift_direction - abs(drag) * along)
-        return force, np.cross(place, force)
+            lift = self.lift_slope * alpha
+            drag = self.drag_slope * alpha
+        pressure = (
+            0.5
+            * density
+            * (flow_across_span @ flow_across_span)
+            * self.area
+            * squared_cosine_of_sweep
+        )
+        force = pressure * (lift * lift_direction - abs(drag) * flow_direction)
+        return force, np.cross(arm, force)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reference:
-    """A vehicle by hand: parts of (mass, place, principal moments), matrices about the origin."""
+    """A vehicle by hand: parts of (mass [kg], position [m], principal moments [kg m²]), matrices
+    about the origin.
+    """
 
     parts: Sequence[tuple[float, Sequence[float], float | Sequence[float]]]
     volume_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -75,14 +87,14 @@ class Reference:
     has_coriolis: bool = True
     linear: Floats
     quadratic: Floats
-    thrusters: Sequence[tuple[Sequence[float], Sequence[float]]]  # place, axis
+    thrusters: Sequence[tuple[Sequence[float], Sequence[float]]]  # position [m], axis
     foils: Sequence[Foil] = field(default_factory=list)
 
     def rigid(self) -> Floats:
         """6×6 inertia of the links about the origin."""
         inertia = np.zeros((6, 6))
-        for mass, place, moments in self.parts:
-            x, y, z = place
+        for mass, position, moments in self.parts:
+            x, y, z = position
             arm = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             inertia[:3, :3] += mass * np.eye(3)
             inertia[:3, 3:] -= mass * arm
@@ -91,13 +103,18 @@ class Reference:
         return inertia
 
     def fly(self, commands: Sequence[float], start: Floats, seconds: float) -> Floats:
-        """State (place, attitude as a matrix, velocities) after so many seconds of thrusts [N],
-        then angles [rad].
+        """State (position, attitude as a matrix, velocity and angular velocity in the hull's axes)
+        after so many seconds of commands: thrusts [N], then angles of fins [rad].
         """
         rigid = self.rigid()
         mass = rigid[0, 0]
-        centre = np.sum([m * np.array(place) for m, place, _ in self.parts], axis=0) / mass
-        whole = np.linalg.inv(rigid + self.added)
+        centre = (
+            np.sum(
+                [part_mass * np.array(position) for part_mass, position, _ in self.parts], axis=0
+            )
+            / mass
+        )
+        inverse_inertia = np.linalg.inv(rigid + self.added)
         momentum_of = rigid + self.added * self.has_coriolis
 
         def rate(_: float, state: Floats) -> Floats:
@@ -105,25 +122,27 @@ class Reference:
             nu = state[12:]
             v, w = nu[:3], nu[3:]
             down = to_world.T @ np.array([0.0, 0.0, -mass * GRAVITY])
-            load = -self.linear @ nu - self.quadratic @ (np.abs(nu) * nu)
+            wrench = -self.linear @ nu - self.quadratic @ (np.abs(nu) * nu)
             # mass and displaced water are equal
-            load[3:] += np.cross(centre - np.array(self.volume_centre), down)
-            for thrust, (place, axis) in zip(commands, self.thrusters, strict=False):
-                load[:3] += thrust * np.array(axis)
-                load[3:] += thrust * np.cross(place, axis)
+            wrench[3:] += np.cross(centre - np.array(self.volume_centre), down)
+            for thrust, (position, axis) in zip(commands, self.thrusters, strict=False):
+                wrench[:3] += thrust * np.array(axis)
+                wrench[3:] += thrust * np.cross(position, axis)
             for angle, foil in zip(commands[len(self.thrusters) :], self.foils, strict=True):
                 force, moment = foil.force(self.density, angle, v, w)
-                load[:3] += force
-                load[3:] += moment
+                wrench[:3] += force
+                wrench[3:] += moment
             momentum = momentum_of @ nu
-            load[:3] -= np.cross(w, momentum[:3])
-            load[3:] -= np.cross(w, momentum[3:]) + np.cross(v, momentum[:3])
+            wrench[:3] -= np.cross(w, momentum[:3])
+            wrench[3:] -= np.cross(w, momentum[3:]) + np.cross(v, momentum[:3])
             spin = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
-            return np.concatenate([to_world @ v, (to_world @ spin).ravel(), whole @ load])
+            return np.concatenate(
+                [to_world @ v, (to_world @ spin).ravel(), inverse_inertia @ wrench]
+            )
 
-        actual = solve_ivp(rate, (0.0, seconds), start, rtol=1e-8, atol=1e-9)
-        assert actual.success
-        return np.asarray(actual.y[:, -1])
+        solution = solve_ivp(rate, (0.0, seconds), start, rtol=1e-8, atol=1e-9)
+        assert solution.success
+        return np.asarray(solution.y[:, -1])
 
 
 def diagonal(*values: float) -> Floats:
@@ -135,15 +154,15 @@ TORPEDO_ADDED[1, 5] = TORPEDO_ADDED[5, 1] = 0.8
 TORPEDO_ADDED[2, 4] = TORPEDO_ADDED[4, 2] = -0.8
 TORPEDO_LINEAR = diagonal(1, 5, 5, 2, 8, 8)
 TORPEDO_LINEAR[1, 5] = -1.0
-FIN = {
+TORPEDO_FIN = {
     "area": 0.02,
-    "slope": 4.0,
-    "slope_beyond": -1.0,
-    "drag": 0.2,
-    "drag_beyond": 0.1,
-    "stall": 0.3,
-    "place": (-0.85, 0.0, 0.0),
-    "cp": (-0.02, 0.0, 0.0),
+    "lift_slope": 4.0,
+    "stalled_lift_slope": -1.0,
+    "drag_slope": 0.2,
+    "stalled_drag_slope": 0.1,
+    "stall_angle": 0.3,
+    "position": (-0.85, 0.0, 0.0),
+    "centre_of_pressure": (-0.02, 0.0, 0.0),
 }
 TORPEDO = Reference(
     parts=[
@@ -157,11 +176,11 @@ TORPEDO = Reference(
     quadratic=diagonal(4, 90, 90, 0.1, 60, 60),
     thrusters=[((-0.95, 0.0, 0.0), (1.0, 0.0, 0.0))],
     foils=[
-        Foil(upward=(0.0, 1.0, 0.0), hinge=(0.0, 0.0, 1.0), **FIN),  # type: ignore[arg-type]
-        Foil(upward=(0.0, 0.0, 1.0), hinge=(0.0, 1.0, 0.0), **FIN),  # type: ignore[arg-type]
+        Foil(upward=(0.0, 1.0, 0.0), hinge=(0.0, 0.0, 1.0), **TORPEDO_FIN),  # type: ignore[arg-type]
+        Foil(upward=(0.0, 0.0, 1.0), hinge=(0.0, 1.0, 0.0), **TORPEDO_FIN),  # type: ignore[arg-type]
     ],
 )
-C = np.sqrt(0.5)
+COS_45 = np.sqrt(0.5)
 HOVERING = Reference(
     parts=[
         (11.3, (0.0, 0.0, -0.012), (0.18, 0.22, 0.26)),
@@ -174,23 +193,23 @@ HOVERING = Reference(
     linear=diagonal(4, 6.2, 5.2, 1.5, 1.5, 0.4),
     quadratic=diagonal(18.2, 21.7, 37, 1.55, 1.55, 1.55),
     thrusters=[
-        ((0.15, 0.11, 0.0), (C, -C, 0.0)),
-        ((0.15, -0.11, 0.0), (C, C, 0.0)),
-        ((-0.15, 0.11, 0.0), (C, C, 0.0)),
-        ((-0.15, -0.11, 0.0), (C, -C, 0.0)),
+        ((0.15, 0.11, 0.0), (COS_45, -COS_45, 0.0)),
+        ((0.15, -0.11, 0.0), (COS_45, COS_45, 0.0)),
+        ((-0.15, 0.11, 0.0), (COS_45, COS_45, 0.0)),
+        ((-0.15, -0.11, 0.0), (COS_45, -COS_45, 0.0)),
         ((0.0, 0.12, 0.03), (0.0, 0.0, 1.0)),
         ((0.0, -0.12, 0.03), (0.0, 0.0, 1.0)),
     ],
 )
 # the nose is at −x of the file: x and y change their signs
-TAIL = {
+TAIL_FIN = {
     "area": 0.025,
-    "slope": 4.1,
-    "slope_beyond": -1.1,
-    "drag": 0.2,
-    "drag_beyond": 0.03,
-    "stall": 0.17,
-    "place": (-1.05, 0.0, 0.0),
+    "lift_slope": 4.1,
+    "stalled_lift_slope": -1.1,
+    "drag_slope": 0.2,
+    "stalled_drag_slope": 0.03,
+    "stall_angle": 0.17,
+    "position": (-1.05, 0.0, 0.0),
 }
 LONG_RANGE = Reference(
     parts=[
@@ -207,13 +226,17 @@ LONG_RANGE = Reference(
     thrusters=[((-1.2, 0.0, 0.0), (1.0, 0.0, 0.0))],
     foils=[
         # the pose of the joint turns its axis down
-        Foil(upward=(0.0, -1.0, 0.0), hinge=(0.0, 0.0, -1.0), **TAIL),  # type: ignore[arg-type]
-        Foil(upward=(0.0, 0.0, 1.0), hinge=(0.0, -1.0, 0.0), **TAIL),  # type: ignore[arg-type]
+        Foil(upward=(0.0, -1.0, 0.0), hinge=(0.0, 0.0, -1.0), **TAIL_FIN),  # type: ignore[arg-type]
+        Foil(upward=(0.0, 0.0, 1.0), hinge=(0.0, -1.0, 0.0), **TAIL_FIN),  # type: ignore[arg-type]
     ],
 )
-AHEAD = (10.0, 0.0, 0.0)
+STRAIGHT_AHEAD = (10.0, 0.0, 0.0)
+# a vehicle, and commands that follow each other: thrusts [N], then angles of fins [rad]
 SCHEDULES = {
-    "torpedo": (TORPEDO, [AHEAD, (10.0, 0.1, 0.0), (10.0, -0.15, 0.03), (10.0, 0.0, -0.08)]),
+    "torpedo": (
+        TORPEDO,
+        [STRAIGHT_AHEAD, (10.0, 0.1, 0.0), (10.0, -0.15, 0.03), (10.0, 0.0, -0.08)],
+    ),
     "hovering": (
         HOVERING,
         [
@@ -224,14 +247,19 @@ SCHEDULES = {
         ],
     ),
     # Gazebo's flag leaves no Coriolis term, `munk_factor` 0 those of the roll rate: flat turns
-    "long_range": (LONG_RANGE, [AHEAD, (10.0, 0.1, 0.0), (10.0, 0.25, 0.0), (10.0, 0.0, 0.05)]),
+    "long_range": (
+        LONG_RANGE,
+        [STRAIGHT_AHEAD, (10.0, 0.1, 0.0), (10.0, 0.25, 0.0), (10.0, 0.0, 0.05)],
+    ),
 }
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("name", SCHEDULES)
 def test_an_imported_hull_moves_as_in_gazebo(name: str) -> None:
-    """Speed, turn rate and attitude within 1 % after each step of thrust and fins."""
+    """Velocity, angular velocity, roll and pitch within 1 % at the end of each minute of constant
+    thrust and fins.
+    """
     reference, schedule = SCHEDULES[name]
     hull = import_file(DATA / f"{name}.sdf", reference.density)
     plant = hull.plant
@@ -240,7 +268,7 @@ def test_an_imported_hull_moves_as_in_gazebo(name: str) -> None:
     for commands in schedule:
         state = reference.fly(commands, state, seconds)
         plant.step(np.array([commands]), round(seconds / plant.dt))
-        expected = state[3:12].reshape(3, 3)
+        expected_attitude = state[3:12].reshape(3, 3)
         attitude = Rotation.from_quat(plant.pose[0, [4, 5, 6, 3]]).as_matrix()
         velocity = attitude.T @ plant.twist[0, :3]
         speed = float(np.linalg.norm(state[12:15]))
@@ -253,4 +281,6 @@ def test_an_imported_hull_moves_as_in_gazebo(name: str) -> None:
             plant.twist[0, 3:], state[15:], rtol=0.01, atol=2e-4, err_msg=step
         )
         # roll and pitch, by the vertical in the body
-        np.testing.assert_allclose(attitude[2], expected[2], rtol=0.01, atol=5e-4, err_msg=step)
+        np.testing.assert_allclose(
+            attitude[2], expected_attitude[2], rtol=0.01, atol=5e-4, err_msg=step
+        )

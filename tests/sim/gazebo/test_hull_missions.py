@@ -11,7 +11,7 @@ from laisn_sim.cli.main import app
 from sim.vehicle.own_hull import hull_errors
 from tests.sim.gazebo.imported import DATA, changed, import_file, import_text
 
-LINEAR = (
+LINEAR_DAMPING_TAGS = (
     "<xU>-4</xU><yV>-6.2</yV><zW>-5.2</zW>",
     "<kP>-1.5</kP><mQ>-1.5</mQ><nR>-0.4</nR>",
 )
@@ -39,7 +39,9 @@ def scenario(folder: Path, hull: str, seconds: int) -> Path:
 def test_a_hovering_hull_without_linear_damping_is_flyable(tmp_path: Path) -> None:
     """As public models of the BlueROV2 with the added mass of Wu (2018): quadratic drag alone."""
     text = (DATA / "hovering.sdf").read_text(encoding="utf-8")
-    hull = import_text(tmp_path, changed(text, *[(tags, "") for tags in LINEAR]), 1025.0)
+    hull = import_text(
+        tmp_path, changed(text, *[(tags, "") for tags in LINEAR_DAMPING_TAGS]), 1025.0
+    )
     path = scenario(tmp_path, hull.text, 120)
     result = CliRunner().invoke(app, ["check", str(path)])
     assert result.exit_code == 0, result.output
@@ -51,8 +53,8 @@ def test_an_imported_hull_keeps_its_route(tmp_path: Path) -> None:
     hull = import_file(DATA / "hovering.sdf", 1025.0)
     path = scenario(tmp_path, hull.text, 60)
     flight = laisn_sim.fly(path)
-    position = flight.trajectory.position[-1, 1]
-    np.testing.assert_allclose(position[:2], (15.0, 15.0), atol=0.5)
+    end_position = flight.trajectory.position[-1, 1]
+    np.testing.assert_allclose(end_position[:2], (15.0, 15.0), atol=0.5)
     assert flight.trajectory.position[-1, 1, 2] == pytest.approx(
         flight.trajectory.position[0, 1, 2], abs=0.3
     )

@@ -9,17 +9,17 @@ from sim.gazebo.hydrodynamics import LinkCoefficients, about_point
 from tests.sim.gazebo.imported import PROBE, changed, import_text, refusal
 
 ADDED = "<xDotU>-5</xDotU><yDotV>-40</yDotV><zDotW>-41</zDotW><mDotQ>-6</mDotQ><nDotR>-7</nDotR>"
-FLUID = (
+FLUID_ADDED_MASS = (
     "</inertia><fluid_added_mass><xx>5</xx><yy>40</yy><zz>41</zz><qq>6</qq><rr>7</rr><yr>0.5</yr>"
     "</fluid_added_mass></inertial>\n        <collision"
 )
-END = "</inertia>\n        </inertial>\n        <collision"
-LINK = "<link_name>hull</link_name>"
+END_OF_INERTIAL = "</inertia>\n        </inertial>\n        <collision"
+LINK_NAME = "<link_name>hull</link_name>"
 
 
 def test_coefficients_have_their_places_and_signs(tmp_path: Path) -> None:
     more = "<yDotR>-0.5</yDotR><nDotV>-0.5</nDotV><yR>-1.5</yR><nPabsP>0.25</nPabsP>"
-    hull = import_text(tmp_path, changed(PROBE, (LINK, LINK + more)))
+    hull = import_text(tmp_path, changed(PROBE, (LINK_NAME, LINK_NAME + more)))
     added = np.diag([5.0, 40, 41, 0, 6, 7])
     added[1, 5] = added[5, 1] = 0.5
     linear = np.diag([1.0, 0, 0, 2, 0, 0])
@@ -35,10 +35,10 @@ def test_coefficients_have_their_places_and_signs(tmp_path: Path) -> None:
 def test_fluid_added_mass_is_that_of_sdf_1_10(tmp_path: Path) -> None:
     expected = np.diag([5.0, 40, 41, 0, 6, 7])
     expected[1, 5] = expected[5, 1] = 0.5
-    hull = import_text(tmp_path, changed(PROBE, (ADDED, ""), (END, FLUID)))
+    hull = import_text(tmp_path, changed(PROBE, (ADDED, ""), (END_OF_INERTIAL, FLUID_ADDED_MASS)))
     np.testing.assert_allclose(hull.record["added_mass"], expected, atol=1e-9)
     assert not hull.says("no added mass")
-    both = import_text(tmp_path, changed(PROBE, (END, FLUID)))
+    both = import_text(tmp_path, changed(PROBE, (END_OF_INERTIAL, FLUID_ADDED_MASS)))
     np.testing.assert_allclose(np.diag(both.record["added_mass"]), 2 * np.diag(expected), atol=1e-6)
     assert both.says("both count")
 
@@ -59,7 +59,7 @@ def test_fluid_added_mass_is_that_of_sdf_1_10(tmp_path: Path) -> None:
 def test_flags_that_disable_terms_count(
     tmp_path: Path, flag: str, added: float, munk: float, words: list[str]
 ) -> None:
-    hull = import_text(tmp_path, changed(PROBE, (LINK, LINK + flag)))
+    hull = import_text(tmp_path, changed(PROBE, (LINK_NAME, LINK_NAME + flag)))
     assert hull.record["added_mass"][1, 1] == pytest.approx(added)
     assert hull.record["munk_factor"] == munk
     assert hull.says(*words)
@@ -74,11 +74,14 @@ def test_flags_that_disable_terms_count(
             ["<nUabsV>", "not modelled"],
         ),
         (
-            (LINK, f"{LINK}<default_current>1 0 0</default_current>"),
+            (LINK_NAME, f"{LINK_NAME}<default_current>1 0 0</default_current>"),
             ["<default_current>", "scenario"],
         ),
-        ((LINK, f"{LINK}<spare>1</spare>"), ["Hydrodynamics: <spare> is not used"]),
-        ((LINK, f"{LINK}<namespace>a</namespace>"), ["Hydrodynamics: <namespace> is not used"]),
+        ((LINK_NAME, f"{LINK_NAME}<spare>1</spare>"), ["Hydrodynamics: <spare> is not used"]),
+        (
+            (LINK_NAME, f"{LINK_NAME}<namespace>a</namespace>"),
+            ["Hydrodynamics: <namespace> is not used"],
+        ),
         (
             ("<xDotU>-5</xDotU>", "<xDotU>5</xDotU>"),
             ["<xDotU> is positive", "taken for the added mass"],
@@ -104,7 +107,7 @@ def test_what_is_not_taken_as_it_stands_is_remarked(
             ("<xU>-1</xU>", "<xU>four</xU>"),
             "Hydrodynamics: <xU>: expected 1 number (given: 'four')",
         ),
-        ((LINK, "<link_name>keel</link_name>"), "no <link name='keel'>"),
+        ((LINK_NAME, "<link_name>keel</link_name>"), "no <link name='keel'>"),
         (
             ("gz::sim::systems::Hydrodynamics", "tethys::HydrodynamicsPlugin"),
             "<yV> must not be positive, since it would drive the hull (not given, default of "
@@ -131,18 +134,23 @@ def test_each_plugin_is_of_its_own_link(tmp_path: Path) -> None:
     )
     text = changed(PROBE, ("<!-- more parts -->", wing), ("</model>", plugin))
     hull = import_text(tmp_path, text)
-    # v at the wing along y: v − z p + x r, with (x, z) = (−0.5, 0.2)
-    arm = np.array([0.0, 1.0, 0.0, -0.2, 0.0, -0.5])
-    plain = import_text(tmp_path, PROBE)
+    # velocity at the wing along y of each motion of the hull, v − z p + x r, with (x, z) =
+    # (−0.5, 0.2)
+    motion_to_wing = np.array([0.0, 1.0, 0.0, -0.2, 0.0, -0.5])
+    without_wing = import_text(tmp_path, PROBE)
     np.testing.assert_allclose(
-        hull.matrix("linear") - plain.matrix("linear"), 10.0 * np.outer(arm, arm), atol=1e-8
+        hull.matrix("linear") - without_wing.matrix("linear"),
+        10.0 * np.outer(motion_to_wing, motion_to_wing),
+        atol=1e-8,
     )
     np.testing.assert_allclose(
-        hull.record["added_mass"] - plain.record["added_mass"], 2.0 * np.outer(arm, arm), atol=1e-7
+        hull.record["added_mass"] - without_wing.record["added_mass"],
+        2.0 * np.outer(motion_to_wing, motion_to_wing),
+        atol=1e-7,
     )
     np.testing.assert_allclose(
-        hull.matrix("quadratic") - plain.matrix("quadratic"),
-        20.0 * np.outer(arm, np.abs(arm) * arm),
+        hull.matrix("quadratic") - without_wing.matrix("quadratic"),
+        20.0 * np.outer(motion_to_wing, np.abs(motion_to_wing) * motion_to_wing),
         atol=1e-8,
     )
     assert hull.says("moved by 0.539 m", "quadratic damping")
@@ -157,13 +165,19 @@ def test_coefficients_about_another_point_have_the_same_power() -> None:
     frame[:3, 3] = generator.normal(size=3)
     root = generator.normal(size=(6, 6))
     matrix = root @ root.T
-    part = LinkCoefficients(frame, matrix, matrix)
+    coefficients = LinkCoefficients(frame, matrix, matrix)
     point = generator.normal(size=3)
-    moved = about_point([part], np.eye(3), point)
-    spin = generator.normal(size=3)
+    moved = about_point([coefficients], np.eye(3), point)
+    angular_velocity = generator.normal(size=3)
     velocity = generator.normal(size=3)
-    at_link = velocity + np.cross(spin, frame[:3, 3] - point)
-    own = np.concatenate([frame[:3, :3].T @ at_link, frame[:3, :3].T @ spin])
-    whole = np.concatenate([velocity, spin])
-    assert whole @ moved.linear @ whole == pytest.approx(own @ matrix @ own)
-    assert whole @ moved.added_mass @ whole == pytest.approx(own @ matrix @ own)
+    at_link = velocity + np.cross(angular_velocity, frame[:3, 3] - point)
+    velocity_of_link = np.concatenate(
+        [frame[:3, :3].T @ at_link, frame[:3, :3].T @ angular_velocity]
+    )
+    velocity_of_hull = np.concatenate([velocity, angular_velocity])
+    assert velocity_of_hull @ moved.linear @ velocity_of_hull == pytest.approx(
+        velocity_of_link @ matrix @ velocity_of_link
+    )
+    assert velocity_of_hull @ moved.added_mass @ velocity_of_hull == pytest.approx(
+        velocity_of_link @ matrix @ velocity_of_link
+    )

@@ -8,18 +8,20 @@ import pytest
 from tests.sim.gazebo.imported import PROBE, changed, import_file, import_text, refusal
 
 MODEL = PROBE[PROBE.index("<model") : PROBE.index("</model>") + len("</model>")]
-MORE = "<!-- more parts -->"
+PLACEHOLDER = "<!-- more parts -->"  # where tests add elements to the probe
 
 
 def test_a_missing_include_is_named(tmp_path: Path) -> None:
     include = "<include><uri>model://battery</uri></include>"
-    hull = import_text(tmp_path, changed(PROBE, (MORE, include)))
+    hull = import_text(tmp_path, changed(PROBE, (PLACEHOLDER, include)))
     assert hull.mass == pytest.approx(40.0)
     assert hull.says("<include> of 'model://battery'", "not on this machine", "gz sdf -p")
 
 
 def test_an_include_beside_the_file_is_read(tmp_path: Path) -> None:
-    """A pack of 2 kg, placed by its own frame 'grip' at (0.5, 0, 0)."""
+    """A pack of 2 kg whose frame 'grip' is placed at (0.5, 0, 0): its cells are at (0.7, 0, 0), and
+    the screw of 0.01 kg at (−0.8, 0, 0).
+    """
     folder = tmp_path / "pack"
     folder.mkdir()
     (folder / "model.config").write_text(
@@ -38,7 +40,7 @@ def test_an_include_beside_the_file_is_read(tmp_path: Path) -> None:
         '<joint name="hold" type="fixed"><parent>hull</parent><child>left_pack::cells</child>'
         "</joint>"
     )
-    hull = import_text(tmp_path, changed(PROBE, (MORE, include)))
+    hull = import_text(tmp_path, changed(PROBE, (PLACEHOLDER, include)))
     assert hull.mass == pytest.approx(42.0)
     np.testing.assert_allclose(hull.centre, ((1.4 - 0.008) / 42.0, 0.0, 0.0), atol=1e-9)
     assert not hull.says("not on this machine")
@@ -49,8 +51,10 @@ def test_a_merged_model_is_the_same_hull_turned(tmp_path: Path) -> None:
     plugins = MODEL[MODEL.index("<plugin") : MODEL.rindex("</plugin>") + len("</plugin>")]
     folder = tmp_path / "models" / "probe"
     folder.mkdir(parents=True)
-    bare = MODEL.replace(plugins, "")
-    (folder / "model.sdf").write_text(f'<sdf version="1.9">{bare}</sdf>', encoding="utf-8")
+    without_plugins = MODEL.replace(plugins, "")
+    (folder / "model.sdf").write_text(
+        f'<sdf version="1.9">{without_plugins}</sdf>', encoding="utf-8"
+    )
     equipped = tmp_path / "models" / "equipped"
     equipped.mkdir()
     text = (
@@ -80,5 +84,5 @@ def test_a_model_that_includes_itself_is_refused(tmp_path: Path) -> None:
     folder.mkdir()
     inner = '<sdf version="1.9"><model name="loop"><include><uri>loop</uri></include></model></sdf>'
     (folder / "model.sdf").write_text(inner, encoding="utf-8")
-    text = changed(PROBE, (MORE, "<include><uri>loop</uri></include>"))
+    text = changed(PROBE, (PLACEHOLDER, "<include><uri>loop</uri></include>"))
     assert "nested more than 10 deep" in refusal(tmp_path, text)

@@ -66,11 +66,11 @@ def test_a_command_of_rotation_becomes_the_thrust_of_its_rate(
     tmp_path: Path, coefficient: float, expected: tuple[float, float]
 ) -> None:
     """K_T ρ D⁴ ω|ω| at −40 and 60 rad/s, with 0.02, 1000 kg/m³ and 0.1 m."""
-    more = (
+    elements = (
         f"<use_angvel_cmd>true</use_angvel_cmd><thrust_coefficient>{coefficient}"
         "</thrust_coefficient><propeller_diameter>0.1</propeller_diameter><deadband>3</deadband>"
     )
-    hull = import_text(tmp_path, changed(PROBE, (LIMITS, LIMITS + more)))
+    hull = import_text(tmp_path, changed(PROBE, (LIMITS, LIMITS + elements)))
     np.testing.assert_allclose(hull.effector("screw")["limits"], expected, rtol=1e-9)
     assert hull.says("deadband of 3 N", "not modelled")
     assert hull.says("commanded in Gazebo by its rate of rotation")
@@ -94,8 +94,8 @@ def test_every_element_that_is_not_used_is_named(tmp_path: Path) -> None:
         "power_load",
         "made_up",
     ]
-    more = "".join(f"<{tag}>1</{tag}>" for tag in tags)
-    hull = import_text(tmp_path, changed(PROBE, (LIMITS, LIMITS + more)))
+    elements = "".join(f"<{tag}>1</{tag}>" for tag in tags)
+    hull = import_text(tmp_path, changed(PROBE, (LIMITS, LIMITS + elements)))
     for tag in tags:
         assert hull.says("Thruster:", f"<{tag}>", "not used"), tag
     assert hull.says("Thruster: <made_up> is not used")

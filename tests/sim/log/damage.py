@@ -1,5 +1,5 @@
-"""Ways to damage a log, and a program that rewrites it with other contents and every checksum
-right.
+"""Ways to damage a log, and a program that rewrites it, perhaps with other contents, with correct
+checksums.
 """
 
 from collections.abc import Callable
@@ -55,9 +55,9 @@ class Parts:
                     schema.name, schema.encoding, schema.data
                 )
             if channel.topic not in channels:
-                type_ = schemas[schema.name] if schema is not None else 0
+                schema_id = schemas[schema.name] if schema is not None else 0
                 channels[channel.topic] = writer.register_channel(
-                    channel.topic, channel.message_encoding, type_
+                    channel.topic, channel.message_encoding, schema_id
                 )
             writer.add_message(
                 channels[channel.topic], message.log_time, message.data, message.publish_time
@@ -67,14 +67,15 @@ class Parts:
 
 
 def _stretch(random: Generator, size: int, most: int) -> slice:
+    """Fewer than `most` bytes in a row, anywhere in so many."""
     start = int(random.integers(size))
     return slice(start, start + int(random.integers(1, most)))
 
 
 def flip_bits(data: bytes, random: Generator) -> bytes:
     damaged = bytearray(data)
-    for place in random.integers(len(data), size=int(random.integers(1, 6))).tolist():
-        damaged[place] ^= 1 << int(random.integers(8))
+    for byte_index in random.integers(len(data), size=int(random.integers(1, 6))).tolist():
+        damaged[byte_index] ^= 1 << int(random.integers(8))
     return bytes(damaged)
 
 
@@ -89,22 +90,22 @@ def cut_head(data: bytes, random: Generator) -> bytes:
 
 def zero_stretch(data: bytes, random: Generator) -> bytes:
     damaged = bytearray(data)
-    gone = _stretch(random, len(data), 2000)
-    damaged[gone] = bytes(len(damaged[gone]))
+    stretch = _stretch(random, len(data), 2000)
+    damaged[stretch] = bytes(len(damaged[stretch]))
     return bytes(damaged)
 
 
 def delete_stretch(data: bytes, random: Generator) -> bytes:
-    gone = _stretch(random, len(data), 5000)
-    return data[: gone.start] + data[gone.stop :]
+    stretch = _stretch(random, len(data), 5000)
+    return data[: stretch.start] + data[stretch.stop :]
 
 
 def double_stretch(data: bytes, random: Generator) -> bytes:
-    twice = _stretch(random, len(data), 5000)
-    return data[: twice.stop] + data[twice] + data[twice.stop :]
+    stretch = _stretch(random, len(data), 5000)
+    return data[: stretch.stop] + data[stretch] + data[stretch.stop :]
 
 
-BLIND: list[Callable[[bytes, Generator], bytes]] = [
+KINDS_OF_DAMAGE: list[Callable[[bytes, Generator], bytes]] = [
     flip_bits,
     cut_tail,
     cut_head,
@@ -114,7 +115,7 @@ BLIND: list[Callable[[bytes, Generator], bytes]] = [
 ]
 
 
-def damaged(whole: bytes, random: Generator) -> tuple[bytes, str]:
-    """A log that something happened to, and its name."""
-    blind = BLIND[int(random.integers(len(BLIND)))]
-    return blind(whole, random), blind.__name__
+def damaged(data: bytes, random: Generator) -> tuple[bytes, str]:
+    """A log with damage of a random kind, and the name of the kind."""
+    damage = KINDS_OF_DAMAGE[int(random.integers(len(KINDS_OF_DAMAGE)))]
+    return damage(data, random), damage.__name__

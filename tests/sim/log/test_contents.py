@@ -41,7 +41,7 @@ INTEGERS = {
     "SFIXED32": (-(2**31), 2**31 - 1),
     "SFIXED64": (-(2**63), 2**63 - 1),
 }
-VALUES: dict[str, st.SearchStrategy[Any]] = {
+VALUES_OF_KIND: dict[str, st.SearchStrategy[Any]] = {
     **{name: st.integers(*limits) for name, limits in INTEGERS.items()},
     "DOUBLE": st.floats(),
     "FLOAT": st.floats(width=32),
@@ -53,12 +53,14 @@ DEFAULTS = {"INT32": "-7", "DOUBLE": "2.5", "BOOL": "true", "STRING": "none"}
 
 @cache
 def message_class(syntax: str, *, numbers: bool = False) -> Any:
-    """A type with a field of every kind, which also holds itself; or with numbers alone."""
+    """A type with a field of every kind, one of its own type and a repeated one; or with numbers
+    alone.
+    """
     file = descriptor_pb2.FileDescriptorProto(
         name=f"all_{syntax}.proto", package=f"all_{syntax}", syntax=syntax
     )
     message = file.message_type.add(name="All")
-    for number, name in enumerate(VALUES, start=1):
+    for number, name in enumerate(VALUES_OF_KIND, start=1):
         if numbers and name == "STRING":
             continue
         default = DEFAULTS.get(name) if syntax == "proto2" else None
@@ -84,18 +86,20 @@ def message_class(syntax: str, *, numbers: bool = False) -> Any:
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"all_{syntax}.All"))
 
 
-def messages_of(type_: Any, written: list[bytes]) -> Messages:
+def messages_of(type_: Any, sent: list[bytes]) -> Messages:
     """Messages whose type need not be found in a schema."""
-    result = Messages(None, data=written)
+    result = Messages(None, data=sent)
     result.message_class = type_
     return result
 
 
-ALL = st.fixed_dictionaries({}, optional={name.lower(): values for name, values in VALUES.items()})
+FIELD_VALUES = st.fixed_dictionaries(
+    {}, optional={name.lower(): values for name, values in VALUES_OF_KIND.items()}
+)
 
 
-def expected(message: Any, name: str) -> Any:
-    """What is set, by protobuf's own account; None for what has presence and is not set."""
+def read_by_protobuf(message: Any, name: str) -> Any:
+    """What protobuf reads of a field; None where the field has presence and is not set."""
     for part in name.split("."):
         if message.DESCRIPTOR.fields_by_name[part].has_presence and not message.HasField(part):
             return None
@@ -105,28 +109,31 @@ def expected(message: Any, name: str) -> Any:
 
 @pytest.mark.parametrize("syntax", ["proto2", "proto3"])
 @given(
-    st.lists(st.tuples(ALL, st.none() | ALL, st.lists(st.floats(), max_size=2)), max_size=4),
+    st.lists(
+        st.tuples(FIELD_VALUES, st.none() | FIELD_VALUES, st.lists(st.floats(), max_size=2)),
+        max_size=4,
+    ),
     st.integers(1, 3),
 )
 def test_every_field_is_read_as_protobuf_reads_it(
     syntax: str,
     content: list[tuple[dict[str, Any], dict[str, Any] | None, list[float]]],
-    repeated: int,
+    repetitions: int,
 ) -> None:
     type_ = message_class(syntax)
-    inners = [None if inner is None else type_(**inner) for _, inner, _ in content]
-    written = [
-        type_(**own, inner=inner, many=many)
-        for (own, _, many), inner in zip(content, inners, strict=True)
+    inner_messages = [None if inner is None else type_(**inner) for _, inner, _ in content]
+    sent = [
+        type_(**fields, inner=inner, many=many)
+        for (fields, _, many), inner in zip(content, inner_messages, strict=True)
     ]
     # a single message, repeated, has one length
-    written *= repeated
-    read = messages_of(type_, [message.SerializeToString() for message in written])
+    sent *= repetitions
+    read = messages_of(type_, [message.SerializeToString() for message in sent])
     for prefix in ("", "inner.", "inner.inner."):
-        for name in (f"{prefix}{kind.lower()}" for kind in VALUES):
+        for name in (f"{prefix}{kind.lower()}" for kind in VALUES_OF_KIND):
             (actual,) = read.columns([name])
             values = actual.tolist() if isinstance(actual, np.ndarray) else actual
-            assert repr(values) == repr([expected(message, name) for message in written])
+            assert repr(values) == repr([read_by_protobuf(message, name) for message in sent])
 
 
 NUMBERS = {
@@ -141,16 +148,16 @@ NUMBERS = {
     st.sampled_from(["", "a"]),
 )
 def test_messages_of_one_length_are_read_by_their_own_fields(
-    rows: list[dict[str, Any]], text: str
+    field_values: list[dict[str, Any]], text: str
 ) -> None:
-    """A double and an integer take the same room: only the tag distinguishes them."""
+    """A double and an integer of 64 bits are equally long: only the tag distinguishes them."""
     type_ = message_class("proto3")
-    written = [type_(**row, string=text) for row in rows]
-    read = messages_of(type_, [message.SerializeToString() for message in written])
+    sent = [type_(**values, string=text) for values in field_values]
+    read = messages_of(type_, [message.SerializeToString() for message in sent])
     for name in (*NUMBERS, "string"):
         (actual,) = read.columns([name])
         assert repr(list(np.asarray(actual, dtype=object))) == repr(
-            [expected(message, name) for message in written]
+            [read_by_protobuf(message, name) for message in sent]
         )
 
 
@@ -164,10 +171,12 @@ def test_numbers_of_a_flights_channels_are_what_another_decoder_reads(tmp_path: 
     ):
         (actual,) = topics[topic].columns([name])
         assert isinstance(actual, np.ndarray)
-        assert actual.tolist() == [expected(message, name) for message in messages(path, topic)]
+        assert actual.tolist() == [
+            read_by_protobuf(message, name) for message in messages(path, topic)
+        ]
 
 
-def test_what_is_no_value_is_refused() -> None:
+def test_a_field_without_a_single_value_is_refused() -> None:
     read = messages_of(message_class("proto3"), [b""])
     for name in ("inner", "many"):
         with pytest.raises(ValueError, match=f"field {name} holds no single value"):
@@ -192,52 +201,54 @@ def test_messages_out_of_order_are_sorted_and_those_of_equal_time_stay_as_they_c
     tmp_path: Path,
 ) -> None:
     rng = np.random.default_rng(5)
-    given_ = [(int(at), rng.bytes(int(size))) for at, size in rng.integers(0, 40, (200, 2))]
+    recorded = [
+        (int(time_ns), rng.bytes(int(size))) for time_ns, size in rng.integers(0, 40, (200, 2))
+    ]
     with (tmp_path / "a.mcap").open("wb") as stream:
         writer = Writer(stream, chunk_size=500)
         writer.start()
         channel = writer.register_channel("/a", "", 0)
-        for at, content in given_:
-            writer.add_message(channel, at, content, at)
+        for time_ns, content in recorded:
+            writer.add_message(channel, time_ns, content, time_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     actual = Contents(tmp_path / "a.mcap").topics["/a"]
-    ordered = sorted(given_, key=itemgetter(0))
-    assert actual.time_ns.tolist() == [at for at, _ in ordered]
+    ordered = sorted(recorded, key=itemgetter(0))
+    assert actual.time_ns.tolist() == [time_ns for time_ns, _ in ordered]
     assert actual.data == [content for _, content in ordered]
 
 
 def test_messages_from_a_time_on_are_left_out_whatever_the_order_of_recording(
     tmp_path: Path,
 ) -> None:
-    recorded = [3, 9, 1, 5, 4, 8, 0, 5]
+    recorded_ns = [3, 9, 1, 5, 4, 8, 0, 5]
     with (tmp_path / "a.mcap").open("wb") as stream:
         writer = Writer(stream)
         writer.start()
         for topic in ("/data", "/times"):
             channel = writer.register_channel(topic, "", 0)
-            for at in recorded:
-                writer.add_message(channel, at, bytes([at]), at)
+            for time_ns in recorded_ns:
+                writer.add_message(channel, time_ns, bytes([time_ns]), time_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     contents = Contents(tmp_path / "a.mcap", lambda topic, _: topic == "/data")
     contents.cut(5)
     assert contents.topics["/data"].time_ns.tolist() == [0, 1, 3, 4]
-    assert contents.topics["/data"].data == [bytes([at]) for at in (0, 1, 3, 4)]
+    assert contents.topics["/data"].data == [bytes([time_ns]) for time_ns in (0, 1, 3, 4)]
     assert contents.topics["/times"].time_ns.tolist() == [3, 1, 4, 0]
 
 
-def memory(what: str) -> int:
-    """Memory of this process as the system counts it [bytes]."""
+def memory_of_process(field: str) -> int:
+    """Memory of this process by a field of its status in Linux [bytes]."""
     status = Path("/proc/self/status").read_text()
     return next(
-        1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith(what)
+        1024 * int(line.split()[1]) for line in status.splitlines() if line.startswith(field)
     )
 
 
-def many_messages(path: Path, count: int) -> Path:
-    """A log of hours: own motion every 10 ms, at the speed of 1, 2, 3 … m/s; one has a heading
-    and an unknown field.
+def log_of_many_messages(path: Path, count: int) -> Path:
+    """A log of own motion every 10 ms, at the speed of 1, 2, 3 … m/s: a first message with a
+    heading and an unknown field, and `count` others of one length, in chunks.
     """
-    first = (
+    first_content = (
         OWN_MOTION.message_class(speed=1.0, heading=0.5, depth=0.0).SerializeToString()
         + b"\xf0\x01\x07"
     )
@@ -257,32 +268,35 @@ def many_messages(path: Path, count: int) -> Path:
         writer.start()
         for name, schema in (("motion", OWN_MOTION), ("reception", RECEPTION)):
             type_ = register_schema(writer, schema.message_class)
-            data = first if name == "motion" else b""
+            data = first_content if name == "motion" else b""
             writer.add_message(
                 writer.register_channel(f"/follower/{name}", "protobuf", type_), 0, data, 0
             )
         writer.finish()  # type: ignore[no-untyped-call]
     written = path.read_bytes()
-    end = len(written) - 8 - 29 - 13
+    # before the records of the end of the data, 13 bytes, and of the footer, 29, and the magic, 8
+    end_of_data = len(written) - 8 - 29 - 13
     # Python's writer would take as long as all other tests of logs
-    row = (
+    record = (
         struct.pack("<BQ", Opcode.MESSAGE, 22 + len(content))
         + (1).to_bytes(2, "little")
         + bytes(20)
         + content
     )
-    rows = np.tile(np.frombuffer(row, dtype=np.uint8), (count, 1))
-    rows[:, 15:23] = (10**7 * np.arange(1, count + 1, dtype="<i8")).view(np.uint8).reshape(count, 8)
-    rows[:, 32:40] = np.arange(2.0, count + 2).view(np.uint8).reshape(count, 8)
+    records = np.tile(np.frombuffer(record, dtype=np.uint8), (count, 1))
+    records[:, 15:23] = (
+        (10**7 * np.arange(1, count + 1, dtype="<i8")).view(np.uint8).reshape(count, 8)
+    )
+    records[:, 32:40] = np.arange(2.0, count + 2).view(np.uint8).reshape(count, 8)
     chunks = RecordBuilder()
     for start in range(0, count, 25_000):
-        many = rows[start : start + 25_000].tobytes()
-        Chunk("", many, 0, 0, zlib.crc32(many), len(many)).write(chunks)
-    path.write_bytes(written[:end] + chunks.end() + written[end:])
+        chunk_data = records[start : start + 25_000].tobytes()
+        Chunk("", chunk_data, 0, 0, zlib.crc32(chunk_data), len(chunk_data)).write(chunks)
+    path.write_bytes(written[:end_of_data] + chunks.end() + written[end_of_data:])
     return path
 
 
-def seconds(call: Any) -> float:
+def processor_seconds(call: Any) -> float:
     """Processor time of a call [s]."""
     begun = time.process_time()
     call()
@@ -295,71 +309,77 @@ def seconds(call: Any) -> float:
     reason="the peak of the memory can be reset on Linux",
 )
 def test_many_messages_of_different_lengths_take_little_time_and_memory(tmp_path: Path) -> None:
-    """Less than three times what the library takes for its records alone, and 300 bytes for a
-    message.
+    """Less than three times the time that the library takes for reading the records alone, and less
+    than 300 bytes a message.
     """
-    path, n = many_messages(tmp_path / "a.mcap", 2 * 10**5), 2 * 10**5
+    path, count = log_of_many_messages(tmp_path / "a.mcap", 2 * 10**5), 2 * 10**5
 
-    def records() -> None:
+    def read_records() -> None:
         with path.open("rb") as stream:
             assert (
                 sum(
                     isinstance(r, Message) for r in StreamReader(stream, validate_crcs=True).records
                 )
-                == n + 2
+                == count + 2
             )
 
-    read_recording(many_messages(tmp_path / "b.mcap", 10), "follower")
+    read_recording(log_of_many_messages(tmp_path / "b.mcap", 10), "follower")
     Path("/proc/self/clear_refs").write_text("5")
-    before = memory("VmRSS")
+    before = memory_of_process("VmRSS")
     actual = read_recording(path, "follower").measurements
-    assert memory("VmHWM") - before < 300 * n
+    assert memory_of_process("VmHWM") - before < 300 * count
     assert actual.dt == 0.01
-    np.testing.assert_array_equal(actual.speed, np.arange(1.0, n + 2))
+    np.testing.assert_array_equal(actual.speed, np.arange(1.0, count + 2))
     assert np.flatnonzero(actual.heading).tolist() == [0]
-    assert seconds(lambda: read_recording(path, "follower")) < 3 * seconds(records)
+    assert processor_seconds(lambda: read_recording(path, "follower")) < 3 * processor_seconds(
+        read_records
+    )
 
 
 @pytest.mark.system
 def test_a_long_log_is_recovered(tmp_path: Path) -> None:
-    path = many_messages(tmp_path / "a.mcap", 50_000)
+    path = log_of_many_messages(tmp_path / "a.mcap", 50_000)
     measurements = read_recording(path).measurements
     path.write_bytes(path.read_bytes()[:-1])
-    again = read_recording(recover(path)).measurements
-    np.testing.assert_array_equal(again.speed, measurements.speed)
+    recovered = read_recording(recover(path)).measurements
+    np.testing.assert_array_equal(recovered.speed, measurements.speed)
 
 
 def vehicle_log(
     path: Path, times_s: list[float], sent_before_s: float, leader_s: list[float] | None = None
 ) -> Path:
     """A vehicle's own motion at these times in order of recording, with a reception at every
-    tenth, and the leader's clock at all of them, by default the same.
+    tenth. Messages were sent so long before by the leader's clock, which shows `leader_s` at these
+    times, by default the same.
 
     The leader goes east at 1 m/s.
     """
     with path.open("wb") as stream:
-        log = Writer(stream)
-        log.start()
+        writer = Writer(stream)
+        writer.start()
         motion, reception = (
-            log.register_channel(
-                f"/auv/{kind.topic}", "protobuf", register_schema(log, kind.message_class)
+            writer.register_channel(
+                f"/auv/{kind.topic}", "protobuf", register_schema(writer, kind.message_class)
             )
             for kind in (OWN_MOTION, RECEPTION)
         )
         for k, time_s in enumerate(times_s):
-            at = round(1e9 * time_s)
+            time_ns = round(1e9 * time_s)
             own = OWN_MOTION.message_class(speed=1.0, heading=0.0, depth=8.0)
-            log.add_message(motion, at, own.SerializeToString(), at)
+            writer.add_message(motion, time_ns, own.SerializeToString(), time_ns)
             if k % 10 == 9:
                 values = dict.fromkeys(RECEPTION.fields, 1.0)
                 sent = (leader_s or times_s)[k] - sent_before_s
                 values |= {"leader_timestamp": sent, "leader_east": 0.1 * k}
                 values |= {"leader_heading": np.pi / 2}
                 values |= dict.fromkeys(("range_rear", "range_front", "range_middle"), 30.0)
-                log.add_message(
-                    reception, at, RECEPTION.message_class(**values).SerializeToString(), at
+                writer.add_message(
+                    reception,
+                    time_ns,
+                    RECEPTION.message_class(**values).SerializeToString(),
+                    time_ns,
                 )
-        log.finish()  # type: ignore[no-untyped-call]
+        writer.finish()  # type: ignore[no-untyped-call]
     return path
 
 
@@ -367,33 +387,36 @@ def vehicle_log(
 def test_a_clock_that_steps_back_while_it_records_is_corrected(
     tmp_path: Path, leader_too: bool
 ) -> None:
-    """The measurements are those of a clock that goes on."""
+    """The measurements are those by a clock that does not step."""
     steady = [100.0 + 0.1 * k for k in range(200)]
     stepped = [*steady[:120], *(t - 5.03 for t in steady[120:])]
     leader = stepped if leader_too else steady
     recording = read_recording(vehicle_log(tmp_path / "a.mcap", stepped, 0.02, leader), "auv")
     (remark,) = recording.remarks
     clocks = "and the leader's clock step" if leader_too else "steps"
-    # of 120 own measurements and 12 receptions
+    # message 131 is the last of 120 own measurements and 12 receptions, counted from 0
     assert remark.startswith(
         f"the clock of /auv/motion {clocks} back by 5.03 s after message 131, 11.9 s after the "
         "first; later messages are shifted by as much, so that 0.1 s lie between"
     )
-    right = read_recording(vehicle_log(tmp_path / "b.mcap", steady, 0.02), "auv")
-    assert right.remarks == ()
+    by_steady_clock = read_recording(vehicle_log(tmp_path / "b.mcap", steady, 0.02), "auv")
+    assert by_steady_clock.remarks == ()
     np.testing.assert_array_equal(
-        recording.measurements.message_step, right.measurements.message_step
+        recording.measurements.message_step, by_steady_clock.measurements.message_step
     )
     np.testing.assert_allclose(
-        recording.measurements.message, right.measurements.message, atol=1e-6
+        recording.measurements.message, by_steady_clock.measurements.message, atol=1e-6
     )
     assert recording.measurements.durations is None
 
 
 def test_late_messages_are_no_steps_of_a_clock(tmp_path: Path) -> None:
-    steady = [100.0 + 0.1 * k for k in range(200)]
-    late = [*steady[:50], *steady[60:70], *steady[50:60], *steady[70:]]
-    assert read_recording(vehicle_log(tmp_path / "b.mcap", late, 0.02), "auv").remarks == ()
+    times = [100.0 + 0.1 * k for k in range(200)]
+    with_late_messages = [*times[:50], *times[60:70], *times[50:60], *times[70:]]
+    assert (
+        read_recording(vehicle_log(tmp_path / "b.mcap", with_late_messages, 0.02), "auv").remarks
+        == ()
+    )
 
 
 def test_a_log_whose_times_are_in_no_order_is_refused(tmp_path: Path) -> None:

@@ -54,70 +54,76 @@ def log_of(flight: FlightRecord, folder: Path) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def whole(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def log_bytes(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return log_of(flight, tmp_path_factory.mktemp("whole"))
 
 
 def is_start_of(part: FlightRecord, flight: FlightRecord) -> bool:
-    """Whether a flight is the first n filter steps of another, and is marked as interrupted."""
-    n = part.measurements[0].speed.size
-    begin = excerpt(flight, 0.0, n * flight.measurements[0].dt)
+    """Whether a flight consists of the first filter steps of another, to the bit, and is marked as
+    interrupted.
+    """
+    steps = part.measurements[0].speed.size
+    beginning = excerpt(flight, 0.0, steps * flight.measurements[0].dt)
     points = part.trajectory.time.size
     truths = [
         {k: v for k, v in bits(t).items() if k[:4] != "site"}
-        for t in (part.trajectory, begin.trajectory)
+        for t in (part.trajectory, beginning.trajectory)
     ]
     return (
         part.outcome is Termination.INTERRUPTED
-        and points == begin.trajectory.time.size
+        and points == beginning.trajectory.time.size
         and truths[0] == truths[1]
         and bits(part.trajectory)["site_offset"] == bits(flight.trajectory)["site_offset"]
-        and bits(part.measurements) == bits(begin.measurements)
-        and bits(part.estimates) == bits(begin.estimates)
+        and bits(part.measurements) == bits(beginning.measurements)
+        and bits(part.estimates) == bits(beginning.estimates)
         and part.scenario == flight.scenario
     )
 
 
 @pytest.fixture(scope="module")
-def brief() -> FlightRecord:
-    """Of three blocks of 20 s."""
+def short_flight() -> FlightRecord:
+    """Its log has three blocks of 20 s, of which the last is not full."""
     return make_flight(44.0, 2)
 
 
 @pytest.fixture(scope="module")
-def brief_log(brief: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    return log_of(brief, tmp_path_factory.mktemp("brief"))
+def short_log_bytes(short_flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    return log_of(short_flight, tmp_path_factory.mktemp("brief"))
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("seed", range(60))
 def test_no_damaged_log_gives_another_flight(
-    brief: FlightRecord, brief_log: bytes, tmp_path: Path, seed: int
+    short_flight: FlightRecord, short_log_bytes: bytes, tmp_path: Path, seed: int
 ) -> None:
     """It is refused; what is recovered is the start of the flight, or all of it."""
-    data, what = damaged(brief_log, np.random.default_rng(seed))
+    data, kind_of_damage = damaged(short_log_bytes, np.random.default_rng(seed))
     path = tmp_path / "a.mcap"
     path.write_bytes(data)
-    if data == brief_log:
+    if data == short_log_bytes:
         return
     with pytest.raises(LogError, match=r"^\S+a\.mcap: [^\n]+$"):
         read(path)
     with suppress(LogError):
         actual = read(recover(path))
-        assert bits(actual) == bits(brief) or is_start_of(actual, brief), what
+        assert bits(actual) == bits(short_flight) or is_start_of(actual, short_flight), (
+            kind_of_damage
+        )
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("seed", range(20))
 def test_of_a_truncated_log_a_prefix_is_recovered(
-    brief: FlightRecord, brief_log: bytes, tmp_path: Path, seed: int
+    short_flight: FlightRecord, short_log_bytes: bytes, tmp_path: Path, seed: int
 ) -> None:
     """All but the last block, at most, and the messages of every channel of it."""
-    length = int(np.random.default_rng(seed).integers(len(brief_log) // 2, len(brief_log)))
-    (tmp_path / "a.mcap").write_bytes(brief_log[:length])
+    length = int(
+        np.random.default_rng(seed).integers(len(short_log_bytes) // 2, len(short_log_bytes))
+    )
+    (tmp_path / "a.mcap").write_bytes(short_log_bytes[:length])
     path = recover(tmp_path / "a.mcap")
     actual = read(path)
-    assert bits(actual) == bits(brief) or is_start_of(actual, brief)
+    assert bits(actual) == bits(short_flight) or is_start_of(actual, short_flight)
     # half of the file holds the first 20 s and more
     assert actual.trajectory.time[-1] >= 19.8
     scenes = {f"/scene/{name}" for name in ("hulls", "vehicles", "acoustics")}
@@ -129,15 +135,16 @@ def test_of_a_truncated_log_a_prefix_is_recovered(
     }
 
 
-def rewritten(whole: bytes, path: Path, change: Any) -> Path:
-    parts = Parts.of(whole)
+def rewrite(log_bytes: bytes, path: Path, change: Any) -> Path:
+    """A log with changed parts, as another program would write it."""
+    parts = Parts.of(log_bytes)
     change(parts)
     path.write_bytes(parts.written())
     return path
 
 
-def since(seconds: float, parts: Parts) -> int:
-    """Index of the first message so long after the start."""
+def index_since(seconds: float, parts: Parts) -> int:
+    """Index of the first message that is so long after the start, or longer."""
     start = parts.messages[0][2].log_time
     return next(
         i for i, item in enumerate(parts.messages) if item[2].log_time >= start + seconds * 1e9
@@ -145,36 +152,36 @@ def since(seconds: float, parts: Parts) -> int:
 
 
 @pytest.mark.parametrize("compression", list(CompressionType))
-def test_what_another_program_rewrote_is_read_as_it_is(
-    flight: FlightRecord, whole: bytes, tmp_path: Path, compression: CompressionType
+def test_a_log_that_another_program_rewrote_is_read_as_the_same_flight(
+    flight: FlightRecord, log_bytes: bytes, tmp_path: Path, compression: CompressionType
 ) -> None:
-    def otherwise(parts: Parts) -> None:
+    def change(parts: Parts) -> None:
         parts.compression, parts.chunk_size = compression, 20_000
         schema, channel, message = parts.messages[0]
         parts.messages[0] = schema, channel, replace(message, sequence=7)
 
-    path = rewritten(whole, tmp_path / "a.mcap", otherwise)
+    path = rewrite(log_bytes, tmp_path / "a.mcap", change)
     assert bits(read(path)) == bits(flight)
     assert Contents(path).unverified == ()
 
 
 def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are_read(
-    whole: bytes, tmp_path: Path
+    log_bytes: bytes, tmp_path: Path
 ) -> None:
     def cut_start(parts: Parts) -> None:
-        del parts.messages[: since(12.0, parts)]
+        del parts.messages[: index_since(12.0, parts)]
 
     def cut_end(parts: Parts) -> None:
-        del parts.messages[since(27.0, parts) :]
+        del parts.messages[index_since(27.0, parts) :]
 
-    for cut, text, left in (
+    for cut, text, steps_left in (
         (cut_start, "the messages of /leader/state are not at the times of a flight", 231),
         (cut_end, "a completed mission of 35 s has 350 filter steps, this log has 269", 269),
     ):
-        path = rewritten(whole, tmp_path / "a.mcap", cut)
+        path = rewrite(log_bytes, tmp_path / "a.mcap", cut)
         with pytest.raises(LogError, match=text):
             read(path)
-        assert read_recording(path, "follower1").measurements.speed.size == left
+        assert read_recording(path, "follower1").measurements.speed.size == steps_left
 
 
 @pytest.mark.parametrize(
@@ -187,27 +194,27 @@ def test_a_flight_whose_start_or_end_was_cut_is_refused_but_its_measurements_are
     ],
 )
 def test_a_missing_message_of_a_flight_is_detected(
-    whole: bytes, tmp_path: Path, topic: str, text: str
+    log_bytes: bytes, tmp_path: Path, topic: str, text: str
 ) -> None:
-    def drop(parts: Parts) -> None:
-        places = [i for i, item in enumerate(parts.messages) if item[1].topic == topic]
-        del parts.messages[places[len(places) // 2]]
+    def drop_middle_message(parts: Parts) -> None:
+        indices = [i for i, item in enumerate(parts.messages) if item[1].topic == topic]
+        del parts.messages[indices[len(indices) // 2]]
 
-    path = rewritten(whole, tmp_path / "a.mcap", drop)
+    path = rewrite(log_bytes, tmp_path / "a.mcap", drop_middle_message)
     with pytest.raises(LogError, match=text):
         read(path)
 
 
 def test_a_log_cut_twice_is_recovered_twice(
-    flight: FlightRecord, whole: bytes, tmp_path: Path
+    flight: FlightRecord, log_bytes: bytes, tmp_path: Path
 ) -> None:
     def in_small_chunks(parts: Parts) -> None:
         parts.chunk_size = 20_000
 
-    path = rewritten(whole, tmp_path / "a.mcap", in_small_chunks)
-    for share in (0.8, 0.6):
+    path = rewrite(log_bytes, tmp_path / "a.mcap", in_small_chunks)
+    for fraction in (0.8, 0.6):
         data = path.read_bytes()
-        path.write_bytes(data[: int(share * len(data))])
+        path.write_bytes(data[: int(fraction * len(data))])
         path = recover(path)
         actual = read(path)
         assert is_start_of(actual, flight)
@@ -215,8 +222,8 @@ def test_a_log_cut_twice_is_recovered_twice(
 
 
 def without_data_checksum(data: bytes) -> bytearray:
-    """The checksum of all that stands before the summary replaced by zero, which stands for
-    none.
+    """The checksum of the data section, before the summary, replaced by zero, which means that
+    there is none.
     """
     changed = bytearray(data)
     summary_start = int.from_bytes(changed[-8 - 20 : -8 - 12], "little")
@@ -236,33 +243,33 @@ def with_another_baseline(data: bytes, *, checksum: bool) -> bytes:
     return bytes(changed)
 
 
-def test_recovery_leaves_a_damaged_scenario_out(whole: bytes, tmp_path: Path) -> None:
-    (tmp_path / "a.mcap").write_bytes(with_another_baseline(whole, checksum=True)[:-100])
+def test_recovery_leaves_a_damaged_scenario_out(log_bytes: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(with_another_baseline(log_bytes, checksum=True)[:-100])
     printed: list[str] = []
     path = recover(tmp_path / "a.mcap", printed.append)
     assert printed[0] == "attachment 'scenario.toml' is damaged and is left out"
     assert Contents(path).metadata["recovery"]["0"] == printed[0]
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(path)
-    # what was measured is not lost, but for the last instant
+    # the measurements are recovered but for the last instant
     assert read_recording(path, "follower1").measurements.speed.size == 349
 
 
-def test_attachments_have_checksums_of_their_own(whole: bytes, tmp_path: Path) -> None:
+def test_attachments_have_checksums_of_their_own(log_bytes: bytes, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    path.write_bytes(without_data_checksum(with_another_baseline(whole, checksum=True)))
+    path.write_bytes(without_data_checksum(with_another_baseline(log_bytes, checksum=True)))
     with pytest.raises(
         LogError, match=r"at byte \d+: the checksum of attachment 'scenario\.toml' does not match"
     ):
         read(path)
-    path.write_bytes(without_data_checksum(whole))
+    path.write_bytes(without_data_checksum(log_bytes))
     assert Contents(path).unverified == ("metadata",)
 
 
 def test_a_chunk_is_verified_where_the_data_section_has_no_checksum(
-    whole: bytes, tmp_path: Path
+    log_bytes: bytes, tmp_path: Path
 ) -> None:
-    changed = without_data_checksum(whole)
+    changed = without_data_checksum(log_bytes)
     changed[changed.index(struct.pack("<I", 0xFD2FB528)) + 1000] ^= 1
     (tmp_path / "a.mcap").write_bytes(changed)
     with pytest.raises(LogError, match=r"damaged or cut off at byte \d+: "):
@@ -278,7 +285,7 @@ def plain_log(path: Path, fill: Any, **options: Any) -> Path:
     return path
 
 
-def test_what_has_no_checksum_is_called_unprotected(tmp_path: Path) -> None:
+def test_parts_without_a_checksum_are_remarked_on(tmp_path: Path) -> None:
     def fill(plain: Writer) -> None:
         channel = plain.register_channel(
             "/auv/motion", "protobuf", register_schema(plain, OWN_MOTION.message_class)
@@ -326,10 +333,10 @@ def peak_of_reading(path: Path) -> tuple[list[str], float]:
     """What the readers print of a file, and the most memory that a process with all of them
     takes [MB].
     """
-    done = subprocess.run(
+    child = subprocess.run(
         [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
     )
-    *lines, peak = done.stdout.splitlines()
+    *lines, peak = child.stdout.splitlines()
     return lines, float(peak)
 
 
@@ -360,8 +367,8 @@ def test_a_small_log_does_not_unfold_without_bound(
     assert not (tmp_path / "t").exists()
 
 
-def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) -> Path:
-    """A file of `size` bytes: as many chunks as fit of `count` records."""
+def log_of_chunks(path: Path, record: bytes, *, size: int, count: int, compress: Any) -> Path:
+    """A log of about `size` bytes, at least one chunk, whose chunks hold `count` records each."""
 
     def fill(plain: Writer) -> None:
         plain.register_channel(
@@ -371,11 +378,11 @@ def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) 
             "/follower/reception", "protobuf", register_schema(plain, RECEPTION.message_class)
         )
 
-    many, chunk = count * record, RecordBuilder()
-    Chunk("zstd", compress(many), 0, 0, zlib.crc32(many), len(many)).write(chunk)
+    chunk_data, chunk = count * record, RecordBuilder()
+    Chunk("zstd", compress(chunk_data), 0, 0, zlib.crc32(chunk_data), len(chunk_data)).write(chunk)
     chunks = chunk.end()
     chunks *= max(1, size // len(chunks))
-    bare = {
+    without_summary = {
         "enable_crcs": False,
         "use_chunking": False,
         "repeat_channels": False,
@@ -384,14 +391,15 @@ def hostile(path: Path, record: bytes, *, size: int, count: int, compress: Any) 
     data = plain_log(
         path,
         fill,
-        **bare,
+        **without_summary,
         use_statistics=False,
         use_summary_offsets=False,
         index_types=IndexType.NONE,
     ).read_bytes()
     # without a summary nothing in the file gives offsets of other records
-    end = len(data) - 8 - 29 - 13
-    path.write_bytes(data[:end] + chunks + data[end:])
+    # before the records of the end of the data, 13 bytes, and of the footer, 29, and the magic, 8
+    end_of_data = len(data) - 8 - 29 - 13
+    path.write_bytes(data[:end_of_data] + chunks + data[end_of_data:])
     return path
 
 
@@ -407,7 +415,9 @@ def test_many_small_records_do_not_fill_the_memory(
     tmp_path: Path, record: bytes, size: int
 ) -> None:
     count = (23 << 20) // len(record)
-    path = hostile(tmp_path / "a.mcap", record, size=size, count=count, compress=zstandard.compress)
+    path = log_of_chunks(
+        tmp_path / "a.mcap", record, size=size, count=count, compress=zstandard.compress
+    )
     assert path.stat().st_size < 1_010_000
     assert peak_of_reading(path)[1] < 500
 
@@ -415,12 +425,12 @@ def test_many_small_records_do_not_fill_the_memory(
 @pytest.mark.system
 def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
     """By its record, and by the frame of its compressor, which states a thousand gigabytes."""
-    path = hostile(
+    path = log_of_chunks(
         tmp_path / "a.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=zstandard.compress
     )
     data = bytearray(path.read_bytes())
-    place = data.index(struct.pack("<Q", 31_000))
-    data[place : place + 8] = struct.pack("<Q", 30_999)
+    index = data.index(struct.pack("<Q", 31_000))
+    data[index : index + 8] = struct.pack("<Q", 30_999)
     path.write_bytes(data)
     with pytest.raises(LogError, match=r"the size of a chunk does not match"):
         read_recording(path)
@@ -429,7 +439,7 @@ def test_a_chunk_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
         header = struct.pack("<IBBQ", 0xFD2FB528, 0b1100_0000, 0x50, 10**12)
         return header + struct.pack("<I", len(content[:900]) << 3 | 1)[:3] + content[:900]
 
-    path = hostile(tmp_path / "b.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=frame)
+    path = log_of_chunks(tmp_path / "b.mcap", EMPTY_MESSAGE, size=1, count=1000, compress=frame)
     lines, peak = peak_of_reading(path)
     assert all("damaged or cut off at byte" in line for line in lines[:3])
     assert peak < 500

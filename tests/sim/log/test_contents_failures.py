@@ -50,28 +50,29 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.system
 def test_every_flipped_bit_is_detected(flight: FlightRecord, written: Path, tmp_path: Path) -> None:
-    """Damage is refused with one line; what stands behind the data section and was damaged
-    changes no flight.
+    """A flipped bit in the data section is refused with one line; one behind it is refused or does
+    not change the flight.
     """
-    whole, random = written.read_bytes(), np.random.default_rng(2)
-    footer = len(whole) - 8 - 29
-    summary = struct.unpack("<Q", whole[footer + 9 : footer + 17])[0]
-    places = [
-        *random.choice(len(whole), 550, replace=False).tolist(),
+    log_bytes, random = written.read_bytes(), np.random.default_rng(2)
+    # the footer has 29 bytes, the magic 8, and the end of the data before the summary 13
+    footer = len(log_bytes) - 8 - 29
+    summary = struct.unpack("<Q", log_bytes[footer + 9 : footer + 17])[0]
+    byte_indices = [
+        *random.choice(len(log_bytes), 550, replace=False).tolist(),
         *range(9),
         *range(summary - 13, summary),
     ]
     refused, lines = 0, []
-    for place in [*places, *range(footer, len(whole))]:
-        damaged = bytearray(whole)
-        damaged[place] ^= 1 << int(random.integers(8))
+    for byte_index in [*byte_indices, *range(footer, len(log_bytes))]:
+        damaged = bytearray(log_bytes)
+        damaged[byte_index] ^= 1 << int(random.integers(8))
         (tmp_path / "damaged.mcap").write_bytes(damaged)
         try:
             assert bits(read(tmp_path / "damaged.mcap")) == bits(flight)
         except LogError as error:
-            refused += place < summary - 13
+            refused += byte_index < summary - 13
             lines.append(str(error))
-    assert refused == sum(place < summary - 13 for place in places)
+    assert refused == sum(byte_index < summary - 13 for byte_index in byte_indices)
     assert all(
         re.fullmatch(r"\S+\.mcap: (damaged or cut off at byte \d+: [^\n]+|no MCAP file)", x)
         for x in lines
@@ -81,9 +82,9 @@ def test_every_flipped_bit_is_detected(flight: FlightRecord, written: Path, tmp_
 def test_a_cut_off_log_is_refused_and_recovered(
     flight: FlightRecord, written: Path, tmp_path: Path
 ) -> None:
-    whole, printed = written.read_bytes(), list[str]()
-    for length in (9, 3 * len(whole) // 4, len(whole) - 1):
-        (tmp_path / "cut.mcap").write_bytes(whole[:length])
+    log_bytes, printed = written.read_bytes(), list[str]()
+    for length in (9, 3 * len(log_bytes) // 4, len(log_bytes) - 1):
+        (tmp_path / "cut.mcap").write_bytes(log_bytes[:length])
         with pytest.raises(
             LogError,
             match=(
@@ -97,41 +98,43 @@ def test_a_cut_off_log_is_refused_and_recovered(
     assert rescued.name == "cut.recovered.mcap"
     assert (tmp_path / "cut.mcap").exists()
     assert bits(read(rescued)) == bits(flight)
-    kept = sum(len(messages.times) for messages in Contents(written).topics.values())
-    assert printed[0] == f"kept {kept} messages of 30 s and 4 attachments"
+    message_count = sum(len(messages.times) for messages in Contents(written).topics.values())
+    assert printed[0] == f"kept {message_count} messages of 30 s and 4 attachments"
     assert re.fullmatch(
         r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[1]
     )
     with pytest.raises(LogError, match="is complete"):
         recover(rescued)
-    (tmp_path / "cut.mcap").write_bytes(whole[: 2 * len(whole) // 3])
+    (tmp_path / "cut.mcap").write_bytes(log_bytes[: 2 * len(log_bytes) // 3])
     part = read(recover(tmp_path / "cut.mcap", printed.append))
     assert part.outcome is Termination.INTERRUPTED
-    n = part.trajectory.time.size
-    assert part.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
+    instants = part.trajectory.time.size
+    assert part.trajectory.position.tobytes() == flight.trajectory.position[:instants].tobytes()
     assert printed[2] == "metadata conventions, laisn: no checksum, damage cannot be detected"
-    assert re.fullmatch(rf"kept \d+ messages of {(n - 1) / 10:g} s and 3 attachments", printed[3])
+    assert re.fullmatch(
+        rf"kept \d+ messages of {(instants - 1) / 10:g} s and 3 attachments", printed[3]
+    )
     assert re.fullmatch(
         r"left out: damaged or cut off at byte \d+: the file ends within a record", printed[4]
     )
-    (tmp_path / "cut.mcap").write_bytes(whole[:5000])
+    (tmp_path / "cut.mcap").write_bytes(log_bytes[:5000])
     with pytest.raises(LogError, match="nothing to recover"):
         recover(tmp_path / "cut.mcap")
 
 
-@pytest.mark.parametrize("what", ["a byte", "text", "zeros", "another log"])
+@pytest.mark.parametrize("appendix", ["a byte", "text", "zeros", "another log"])
 def test_bytes_behind_the_end_are_called_so_and_left_out(
-    flight: FlightRecord, written: Path, tmp_path: Path, what: str
+    flight: FlightRecord, written: Path, tmp_path: Path, appendix: str
 ) -> None:
-    whole = written.read_bytes()
-    rest = {
+    log_bytes = written.read_bytes()
+    appended = {
         "a byte": b"\0",
         "text": b"end of mission\n",
         "zeros": bytes(3000),
-        "another log": whole,
-    }[what]
+        "another log": log_bytes,
+    }[appendix]
     long = tmp_path / "long.mcap"
-    long.write_bytes(whole + rest)
+    long.write_bytes(log_bytes + appended)
     for reader in (read, read_recording, Contents):
         with pytest.raises(
             LogError, match=r"long\.mcap: damaged .* at byte \d+: bytes follow the end of the log"
@@ -141,7 +144,7 @@ def test_bytes_behind_the_end_are_called_so_and_left_out(
     assert rescued.name == "long.recovered.mcap"
     assert bits(read(rescued)) == bits(flight)
     assert long.exists()
-    partial_path(tmp_path / "b.mcap").write_bytes(whole + rest)
+    partial_path(tmp_path / "b.mcap").write_bytes(log_bytes + appended)
     assert bits(read(recover(tmp_path / "b.mcap.partial"))) == bits(flight)
     assert not (tmp_path / "b.mcap.partial").exists()
 
@@ -155,11 +158,13 @@ def test_a_damaged_log_with_bytes_behind_its_end_gives_what_stands_before_the_da
     damaged[len(damaged) // 2] ^= 0x10
     (tmp_path / "a.mcap").write_bytes(bytes(damaged) + b"rest")
     rescued = read(recover(tmp_path / "a.mcap"))
-    n = rescued.trajectory.time.size
-    assert 190 < n < 452
+    instants = rescued.trajectory.time.size
+    assert 190 < instants < 452
     assert rescued.outcome is Termination.INTERRUPTED
-    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
-    assert rescued.estimates[0].state.tobytes() == flight.estimates[0].state[: n - 1].tobytes()
+    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[:instants].tobytes()
+    assert (
+        rescued.estimates[0].state.tobytes() == flight.estimates[0].state[: instants - 1].tobytes()
+    )
     damaged[8000] ^= 0x10
     (tmp_path / "b.mcap").write_bytes(bytes(damaged) + b"rest")
     with pytest.raises(LogError, match="nothing to recover"):
@@ -183,29 +188,34 @@ def test_a_log_may_be_named_by_text(written: Path) -> None:
 
 
 def test_recovery_keeps_whole_instants(tmp_path: Path) -> None:
-    """A log of several chunks, cut within one: a prefix of the flight comes back, all channels
-    equally long.
+    """Of a log of several chunks that is cut within one, a prefix of the flight is recovered, in
+    which all channels end at the same time.
     """
     flight = make_flight(200.0)
     writer.write(flight, tmp_path / "a.mcap")
-    whole = (tmp_path / "a.mcap").read_bytes()
+    log_bytes = (tmp_path / "a.mcap").read_bytes()
     partial = partial_path(tmp_path / "b.mcap")
-    partial.write_bytes(whole[: len(whole) // 2])
+    partial.write_bytes(log_bytes[: len(log_bytes) // 2])
     path = recover(partial)
     assert path == tmp_path / "b.mcap"
     assert not partial.exists()
     rescued = read(path)
-    n = rescued.measurements[0].speed.size
-    assert 500 < n < 1500
-    assert rescued.trajectory.time.size == n + 1
-    assert rescued.trajectory.position.tobytes() == flight.trajectory.position[: n + 1].tobytes()
-    assert rescued.estimates[0].covariance.tobytes() == flight.estimates[0].covariance[:n].tobytes()
-    assert rescued.measurements[0].ranges.shape == (n // 10, 3)
+    steps = rescued.measurements[0].speed.size
+    assert 500 < steps < 1500
+    assert rescued.trajectory.time.size == steps + 1
+    assert (
+        rescued.trajectory.position.tobytes() == flight.trajectory.position[: steps + 1].tobytes()
+    )
+    assert (
+        rescued.estimates[0].covariance.tobytes()
+        == flight.estimates[0].covariance[:steps].tobytes()
+    )
+    assert rescued.measurements[0].ranges.shape == (steps // 10, 3)
     assert rescued.scenario == flight.scenario
 
 
 class Frames(list[tuple[float, bytes]]):
-    """Frames of a film that notice when each is written."""
+    """Frames of a film that call `write` before each of them is written."""
 
     def write(self, number: int) -> None:
         """Before a frame is written."""
@@ -216,20 +226,22 @@ class Frames(list[tuple[float, bytes]]):
 
 
 def test_a_crash_costs_twenty_seconds_at_most(tmp_path: Path) -> None:
-    """Twenty seconds of mission are in the file when the next ones begin."""
-    seen: list[float] = []
+    """Each 20 s of mission are in the file when the next 20 s begin."""
+    lost_s: list[float] = []
 
     class Film(Frames):
         def write(self, number: int) -> None:
             if number in (20, 40, 60):
                 (tmp_path / "b.mcap").write_bytes(partial_path(tmp_path / "a.mcap").read_bytes())
-                seen.append(number - float(read(recover(tmp_path / "b.mcap")).trajectory.time[-1]))
+                lost_s.append(
+                    number - float(read(recover(tmp_path / "b.mcap")).trajectory.time[-1])
+                )
 
     writer.write(
         make_flight(80.0), tmp_path / "a.mcap", video=Film((float(k), b"x") for k in range(80))
     )
-    assert len(seen) == 3
-    assert max(seen) < 0.3
+    assert len(lost_s) == 3
+    assert max(lost_s) < 0.3
 
 
 def test_a_finished_log_under_its_partial_name_only_gets_its_name(
@@ -243,7 +255,7 @@ def test_a_finished_log_under_its_partial_name_only_gets_its_name(
             recover(path)
 
 
-def limited(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
+def write_with_file_limit(folder: Path, size: int) -> subprocess.CompletedProcess[str]:
     """Write a log of 200 s in a process whose files may not grow beyond `size` bytes."""
     code = f"""
 import resource, signal, sys
@@ -264,7 +276,7 @@ except writer.LogError as error:
 
 @pytest.mark.system
 def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path) -> None:
-    message = limited(tmp_path, 800_000).stdout
+    message = write_with_file_limit(tmp_path, 800_000).stdout
     assert (
         "cannot be written: File too large; what was written is kept: laisn log recover" in message
     )
@@ -278,7 +290,7 @@ def test_when_the_disk_is_full_what_was_written_can_be_recovered(tmp_path: Path)
 
 @pytest.mark.system
 def test_when_the_disk_is_full_at_once_nothing_stays(tmp_path: Path) -> None:
-    assert "cannot be written" in limited(tmp_path, 20_000).stdout
+    assert "cannot be written" in write_with_file_limit(tmp_path, 20_000).stdout
     assert not list(tmp_path.iterdir())
 
 
@@ -313,7 +325,9 @@ def test_a_folder_without_permission(flight: FlightRecord, tmp_path: Path) -> No
 
 
 def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> None:
-    """A handler raises in the main thread, and writing ends with the block of 20 s before."""
+    """A handler raises in the main thread: the log ends with the last whole block of 20 s before
+    the frame of 150 s, at 140 s.
+    """
 
     class Film(Frames):
         def write(self, number: int) -> None:
@@ -332,18 +346,18 @@ def test_an_interrupt_leaves_the_old_log_and_a_partial_one(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("delay_s", [0.001, 0.01, 0.03, 0.1, 0.2])
-def test_a_signal_at_any_time_leaves_a_log_without_an_end_or_a_complete_one(
+def test_a_signal_at_any_time_leaves_a_complete_log_or_a_partial_one_that_is_recovered(
     tmp_path: Path, delay_s: float
 ) -> None:
-    """The SDK does not survive the exception of a handler, which Python raises wherever its main
-    thread is.
+    """Python raises the exception of a handler wherever its main thread is; the library that writes
+    the log would not survive one that is raised within it.
     """
     flight = make_flight(100.0)
 
     def interrupt(*_: object) -> None:
         raise InterruptedError
 
-    before = signal.signal(signal.SIGALRM, interrupt)
+    previous_handler = signal.signal(signal.SIGALRM, interrupt)
     try:
         with suppress(LogError, InterruptedError):
             signal.setitimer(signal.ITIMER_REAL, delay_s)
@@ -353,25 +367,29 @@ def test_a_signal_at_any_time_leaves_a_log_without_an_end_or_a_complete_one(
             return
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous_handler)
     if partial_path(tmp_path / "a.mcap").exists():
         actual = read(recover(tmp_path / "a.mcap.partial"))
-        n = actual.trajectory.time.size
-        assert actual.trajectory.position.tobytes() == flight.trajectory.position[:n].tobytes()
+        instants = actual.trajectory.time.size
+        assert (
+            actual.trajectory.position.tobytes() == flight.trajectory.position[:instants].tobytes()
+        )
 
 
 def test_times_of_64_bits_are_recovered(tmp_path: Path) -> None:
     """MCAP's times are unsigned; the last record is cut."""
-    times = [5, 2**63, 2**64 - 1]
+    times_ns = [5, 2**63, 2**64 - 1]
     with (tmp_path / "a.mcap").open("wb") as stream:
         log = Writer(stream, use_chunking=False)
         log.start()
         channel = log.register_channel("/x", "json", 0)
-        for at in times:
-            log.add_message(channel, at, b"{}", at)
+        for time_ns in times_ns:
+            log.add_message(channel, time_ns, b"{}", time_ns)
         end = stream.tell()
     with (tmp_path / "a.mcap").open("r+b") as stream:
         stream.truncate(end - 1)
     with recover(tmp_path / "a.mcap").open("rb") as stream:
-        kept = [message.log_time for _, _, message in make_reader(stream).iter_messages()]
-    assert kept == times[:2]
+        recovered_times = [
+            message.log_time for _, _, message in make_reader(stream).iter_messages()
+        ]
+    assert recovered_times == times_ns[:2]
