@@ -681,9 +681,11 @@ def test_the_command_names_what_it_cannot_do(tmp_path: Path) -> None:
 
 
 def read_log_of_a_simulation(folder: Path) -> None:
-    from tests.sim.log.test_reader_replay import cruise, one_ping, write_rows
+    from tests.sim.log.test_reader_replay import motion_at, reception_at, write_messages
 
-    read_data_set_log(write_rows(folder / "b.mcap", cruise(0.1 * np.arange(30)), [one_ping(1.0)]))
+    read_data_set_log(
+        write_messages(folder / "b.mcap", motion_at(0.1 * np.arange(30)), [reception_at(1.0)])
+    )
 
 
 def test_ranges_to_another_robot_are_to_where_its_odometry_puts_it(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ from sim.log.encoding import TimedNumbers, repeated
 from sim.log.schema import pose, quaternion, timestamp, vector
 from sim.log.writer import _transforms, poses
 
-TIMES = np.array([0, 1, 10**9, 1_700_000_000 * 10**9 + 123_456_789, 2_000_000_000_100_000_000])
+TIMES_NS = np.array([0, 1, 10**9, 1_700_000_000 * 10**9 + 123_456_789, 2_000_000_000_100_000_000])
 
 
-def numbers_of(count: int, columns: int) -> np.ndarray:
+def numbers_of_all_sizes(count: int, columns: int) -> np.ndarray:
     """Numbers of all sizes, with zeros of both signs, infinities and NaN among them."""
     rng = np.random.default_rng(2)
     numbers = rng.normal(size=(count, columns)) * 10.0 ** rng.integers(-300, 300, (count, columns))
@@ -21,14 +21,20 @@ def numbers_of(count: int, columns: int) -> np.ndarray:
 
 
 def test_poses_are_those_of_the_sdk() -> None:
-    time = np.repeat(TIMES, 40)
-    numbers = numbers_of(time.size, 7)
-    channel = poses("/one", time, numbers[:, :3], numbers[:, 3:])
+    times_ns = np.repeat(TIMES_NS, 40)
+    positions_and_rotations = numbers_of_all_sizes(times_ns.size, 7)
+    channel = poses(
+        "/one", times_ns, positions_and_rotations[:, :3], positions_and_rotations[:, 3:]
+    )
     expected = [
         fg.PoseInFrame(
-            timestamp=timestamp(at), frame_id="world", pose=pose(row[:3], row[3:])
+            timestamp=timestamp(time_ns),
+            frame_id="world",
+            pose=pose(seven_numbers[:3], seven_numbers[3:]),
         ).encode()
-        for at, row in zip(time.tolist(), numbers.tolist(), strict=True)
+        for time_ns, seven_numbers in zip(
+            times_ns.tolist(), positions_and_rotations.tolist(), strict=True
+        )
     ]
     assert list(channel.serialised(slice(None))) == expected
     assert list(channel.serialised(slice(37, 90))) == expected[37:90]
@@ -36,51 +42,65 @@ def test_poses_are_those_of_the_sdk() -> None:
 
 @pytest.mark.parametrize("children", [1, 3])
 def test_transforms_are_those_of_the_sdk(children: int) -> None:
-    """Also where a message is longer than a byte can say."""
-    time = np.repeat(TIMES, 10)
-    numbers = numbers_of(time.size * children, 7).reshape(time.size, children, 7)
+    """Also where the length of a message takes more than one byte."""
+    times_ns = np.repeat(TIMES_NS, 10)
+    positions_and_rotations = numbers_of_all_sizes(times_ns.size * children, 7).reshape(
+        times_ns.size, children, 7
+    )
     names = [f"vehicle {i} with a long name " + "x" * 60 for i in range(children)]
     parents = ["world"] * children
-    channel = _transforms("/tf", time, parents, names, numbers[..., :3], numbers[..., 3:])
+    channel = _transforms(
+        "/tf",
+        times_ns,
+        parents,
+        names,
+        positions_and_rotations[..., :3],
+        positions_and_rotations[..., 3:],
+    )
     expected = [
         fg.FrameTransforms(
             transforms=[
                 fg.FrameTransform(
-                    timestamp=timestamp(at),
+                    timestamp=timestamp(time_ns),
                     parent_frame_id="world",
                     child_frame_id=name,
-                    translation=vector(row[:3]),
-                    rotation=quaternion(row[3:]),
+                    translation=vector(seven_numbers[:3]),
+                    rotation=quaternion(seven_numbers[3:]),
                 )
-                for name, row in zip(names, rows, strict=True)
+                for name, seven_numbers in zip(names, numbers_of_children, strict=True)
             ]
         ).encode()
-        for at, rows in zip(time.tolist(), numbers.tolist(), strict=True)
+        for time_ns, numbers_of_children in zip(
+            times_ns.tolist(), positions_and_rotations.tolist(), strict=True
+        )
     ]
     assert list(channel.serialised(slice(None))) == expected
     assert list(channel.serialised(slice(0, 0))) == []
 
 
-def test_an_example_with_ambiguous_numbers_is_noticed() -> None:
-    def twice(at: int, numbers: object) -> bytes:
+def test_an_example_that_holds_a_number_twice_is_refused() -> None:
+    """Numbers are written where they stand in an example: each must be there once."""
+
+    def pose_with_a_number_twice(time_ns: int, numbers: object) -> bytes:
         message = fg.PoseInFrame(
-            timestamp=timestamp(at), frame_id="world", pose=pose((1.0, 1.0, 0.0))
+            timestamp=timestamp(time_ns), frame_id="world", pose=pose((1.0, 1.0, 0.0))
         )
         return message.encode()
 
     with pytest.raises(AssertionError, match="does not stand in its message once"):
-        TimedNumbers(twice).rows(TIMES[:1], np.ones((1, 1)))
+        TimedNumbers(pose_with_a_number_twice).rows(TIMES_NS[:1], np.ones((1, 1)))
 
 
 def test_repeated_messages_have_their_lengths() -> None:
+    """Tag 0x0A of field 1, then the length as a varint: seven bits a byte, the lowest first."""
     for length in (0, 1, 127, 128, 16_383, 16_384):
-        joined = repeated([b"a" * length])
-        assert joined[0] == 0x0A
-        size, shift, at = 0, 0, 1
+        encoded = repeated([b"a" * length])
+        assert encoded[0] == 0x0A
+        size, shift, index = 0, 0, 1
         while True:
-            size |= (joined[at] & 0x7F) << shift
+            size |= (encoded[index] & 0x7F) << shift
             shift += 7
-            at += 1
-            if joined[at - 1] < 0x80:
+            index += 1
+            if encoded[index - 1] < 0x80:
                 break
-        assert (size, len(joined) - at) == (length, length)
+        assert (size, len(encoded) - index) == (length, length)

@@ -99,9 +99,9 @@ def written(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) -> P
 
 def rerun(*arguments: str | Path) -> str:
     """Output of the command; fails the test where the command fails."""
-    done = subprocess.run([str(RERUN), *map(str, arguments)], capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout + done.stderr
+    child = subprocess.run([str(RERUN), *map(str, arguments)], capture_output=True, text=True)
+    assert child.returncode == 0, child.stdout + child.stderr
+    return child.stdout + child.stderr
 
 
 @pytest.mark.skipif(
@@ -109,13 +109,13 @@ def rerun(*arguments: str | Path) -> str:
 )
 def test_rerun_accepts_structure_and_times(written: Path) -> None:
     report = rerun("mcap", "check", written)
-    rows = [
+    verdicts = [
         line.split()
         for line in report.splitlines()
         if line.strip().startswith(("ok", "warn", "error"))
     ]
-    assert {row[3] for row in rows} == set(Contents(written).topics)
-    assert {row[0] for row in rows} == {"ok"}
+    assert {verdict[3] for verdict in verdicts} == set(Contents(written).topics)
+    assert {verdict[0] for verdict in verdicts} == {"ok"}
 
 
 @pytest.mark.skipif(
@@ -184,7 +184,7 @@ def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
         assert column in columns
     assert [p.name for p in tmp_path.iterdir()] == ["mission.rrd"]
 
-    def row(entity: str, seconds: float) -> npt.NDArray[np.float64]:
+    def numbers_at(entity: str, seconds: float) -> npt.NDArray[np.float64]:
         """The numbers that Rerun prints of an instant; of long lists the first."""
         text = rerun("rrd", "print", "-vvv", "--entity", entity, path)
         (line,) = re.findall(rf"┆ PT{seconds:g}S +┆(.*)", text)
@@ -192,33 +192,41 @@ def test_a_recording_holds_hulls_trails_rays_and_estimates_in_their_places(
             [float(word) for word in re.findall(r"-?\d+\.\d+(?:e-?\d+)?(?=[,\]])", line)]
         )
 
-    t, step = flight.trajectory, 100
+    trajectory, step = flight.trajectory, 100
     sites = [
-        t.site_position[step, t.site(s)]
+        trajectory.site_position[step, trajectory.site(s)]
         for s in ("leader/tx_rear", "follower/hydrophone", "leader/tx_front")
     ]
     np.testing.assert_allclose(
-        row("/world/scene/follower/ping/lines", 10)[1:9], np.ravel(sites)[:8], rtol=1e-5
+        numbers_at("/world/scene/follower/ping/lines", 10)[1:9], np.ravel(sites)[:8], rtol=1e-5
     )
-    quaternion = t.quaternion[step, 0, [1, 2, 3, 0]]
+    quaternion = trajectory.quaternion[step, 0, [1, 2, 3, 0]]
     np.testing.assert_allclose(
-        row("/world/leader", 10), [*quaternion, *t.position[step, 0]], rtol=1e-5, atol=1e-6
+        numbers_at("/world/leader", 10),
+        [*quaternion, *trajectory.position[step, 0]],
+        rtol=1e-5,
+        atol=1e-6,
     )
     np.testing.assert_allclose(
-        row("/world/scene/leader/trail/lines", 10)[4:7], t.position[10, 0], rtol=1e-5, atol=1e-6
+        numbers_at("/world/scene/leader/trail/lines", 10)[4:7],
+        trajectory.position[10, 0],
+        rtol=1e-5,
+        atol=1e-6,
     )
-    off = flight.estimates[0].state[99, :2] - flight.hydrophone(0)[99, :2]
-    np.testing.assert_allclose(row("/errors/follower/E_P", 10), np.hypot(*off), rtol=1e-9)
+    position_error = flight.estimates[0].state[99, :2] - flight.hydrophone(0)[99, :2]
+    np.testing.assert_allclose(
+        numbers_at("/errors/follower/E_P", 10), np.hypot(*position_error), rtol=1e-9
+    )
     estimate = flight.estimates[0]
-    ellipse = row("/world/scene/follower/estimate/spheres", 10)
+    ellipse = numbers_at("/world/scene/follower/estimate/spheres", 10)
     np.testing.assert_allclose(ellipse[:2], estimate.state[99, :2], rtol=1e-5)
-    # 95 % of a normal distribution lie within half axes of √5.991 σ; a turn by 2 arctan(z/w) about
-    # the vertical
-    half, half_turn = ellipse[3:5], np.arctan2(ellipse[8], ellipse[9])
+    # 95 % of a normal distribution lie within half axes of √5.991 σ (χ² of two degrees of freedom);
+    # turned about the vertical by 2 arctan(z/w), of the quaternion
+    half_axes, half_turn = ellipse[3:5], np.arctan2(ellipse[8], ellipse[9])
     axis = np.array([np.cos(2 * half_turn), np.sin(2 * half_turn)])
     across = np.array([-axis[1], axis[0]])
     drawn = (
-        half[0] ** 2 * np.outer(axis, axis) + half[1] ** 2 * np.outer(across, across)
+        half_axes[0] ** 2 * np.outer(axis, axis) + half_axes[1] ** 2 * np.outer(across, across)
     ) / 5.991464547
     np.testing.assert_allclose(drawn, estimate.covariance[99, :2, :2], rtol=1e-4)
 
@@ -231,19 +239,24 @@ def test_typescript_reads_the_same_numbers(flight: FlightRecord, written: Path) 
     """Needs node, and the packages in a folder that NODE_PATH names."""
     if NODE is None:
         pytest.skip("node is not installed")
-    absent = [name for name in NODE_PACKAGES if node(f"require.resolve('{name}')").returncode]
-    if absent:
-        pytest.skip(f"node lacks {', '.join(absent)}; npm install them and set NODE_PATH")
-    done = node(READ_WITH_TYPESCRIPT, str(written))
-    assert done.returncode == 0, done.stderr
-    actual: dict[str, Any] = json.loads(done.stdout)
+    missing_packages = [
+        name for name in NODE_PACKAGES if node(f"require.resolve('{name}')").returncode
+    ]
+    if missing_packages:
+        pytest.skip(f"node lacks {', '.join(missing_packages)}; npm install them and set NODE_PATH")
+    child = node(READ_WITH_TYPESCRIPT, str(written))
+    assert child.returncode == 0, child.stderr
+    actual: dict[str, Any] = json.loads(child.stdout)
     assert actual["counts"] == {
         topic: len(messages.times) for topic, messages in Contents(written).topics.items()
     }
-    m, t = flight.measurements[0], flight.trajectory
-    assert (actual["motion"]["speed"], actual["motion"]["heading"]) == (m.speed[-1], m.heading[-1])
+    measured, trajectory = flight.measurements[0], flight.trajectory
+    assert (actual["motion"]["speed"], actual["motion"]["heading"]) == (
+        measured.speed[-1],
+        measured.heading[-1],
+    )
     assert tuple(actual["pose"]["pose"]["position"][axis] for axis in "xyz") == tuple(
-        t.position[-1, 0]
+        trajectory.position[-1, 0]
     )
 
 

@@ -1,4 +1,4 @@
-"""Measurements from the log of a real vehicle."""
+"""Measurements from logs of vehicles that other programs wrote, and their replay."""
 
 import csv
 from pathlib import Path
@@ -21,7 +21,7 @@ from sim.log.export import export
 from sim.log.reader import read, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, RecordType, message_class_of
 
-POSE = dict.fromkeys(
+LEADER_AT_ORIGIN = dict.fromkeys(
     (
         "leader_timestamp",
         "leader_east",
@@ -34,41 +34,45 @@ POSE = dict.fromkeys(
 )
 
 
-def write_foreign(path: Path, *, speed: float = 1.5, second_reception_s: float = 0.95) -> None:
-    """A vehicle's log by the plain protobuf writer, with its own clock and 20 Hz."""
+def write_vehicle_log(path: Path, *, speed: float = 1.5, second_reception_s: float = 0.95) -> None:
+    """Two seconds of a vehicle's log by the plain protobuf writer, at 20 Hz by a clock of its own,
+    with two receptions.
+    """
     with path.open("wb") as stream, ProtobufWriter(stream) as writer:
         start = 1_600_000_000_123_456_789
 
-        def put(topic: str, message: Any, at: float) -> None:
-            ns = start + round(at * 1e9)
-            writer.write_message(topic, message, log_time=ns, publish_time=ns)
+        def write_message(topic: str, message: Any, time_s: float) -> None:
+            time_ns = start + round(time_s * 1e9)
+            writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns)
 
         for k in range(40):
-            put(
+            write_message(
                 "/auv/motion",
                 OWN_MOTION.message_class(speed=speed, heading=0.0, depth=k / 10),
                 0.05 * k,
             )
-        for at in (0.512, second_reception_s):
-            put(
+        for time_s in (0.512, second_reception_s):
+            write_message(
                 "/auv/reception",
                 RECEPTION.message_class(
-                    **{**POSE, "leader_east": 3.0}, range_rear=40.0, range_front=float("nan")
+                    **{**LEADER_AT_ORIGIN, "leader_east": 3.0},
+                    range_rear=40.0,
+                    range_front=float("nan"),
                 ),
-                at,
+                time_s,
             )
 
 
 def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
-    write_foreign(tmp_path / "auv.mcap")
-    m = read_recording(tmp_path / "auv.mcap", "auv").measurements
-    assert m.dt == 0.05
-    assert m.speed.tolist() == [1.5] * 40
-    assert m.depth.tolist() == [k / 10 for k in range(40)]
+    write_vehicle_log(tmp_path / "auv.mcap")
+    measured = read_recording(tmp_path / "auv.mcap", "auv").measurements
+    assert measured.dt == 0.05
+    assert measured.speed.tolist() == [1.5] * 40
+    assert measured.depth.tolist() == [k / 10 for k in range(40)]
     # 0.512 s lies after step 11 (0.50 s) and before step 12 (0.55 s); 0.95 s is step 20
-    assert m.message_step.tolist() == [12, 20]
-    assert m.ranges[0, 0] == 40.0
-    assert np.isnan(m.ranges[0, 1])
+    assert measured.message_step.tolist() == [12, 20]
+    assert measured.ranges[0, 0] == 40.0
+    assert np.isnan(measured.ranges[0, 1])
     with pytest.raises(LogError, match=r"lacks attachment scenario\.toml"):
         read(tmp_path / "auv.mcap")
     with pytest.raises(
@@ -77,32 +81,39 @@ def test_measurements_of_a_real_vehicle(tmp_path: Path) -> None:
         read_recording(tmp_path / "auv.mcap")
 
 
-Row = tuple[float, dict[str, float]]
+TimedFields = tuple[float, dict[str, float]]
 
 
-def write_rows(
-    path: Path, motion: list[Row], receptions: list[Row], schema: RecordType = RECEPTION
+def write_messages(
+    path: Path,
+    motion: list[TimedFields],
+    receptions: list[TimedFields],
+    schema: RecordType = RECEPTION,
 ) -> Path:
     """A vehicle's log with these messages at these times [s]."""
     with path.open("wb") as stream, ProtobufWriter(stream) as writer:
-        for topic, message_class, rows in (
+        for topic, message_class, timed_fields in (
             ("/auv/motion", OWN_MOTION.message_class, motion),
             ("/auv/reception", schema.message_class, receptions),
         ):
-            for at, values in rows:
-                ns = 1_700_000_000_000_000_000 + round(at * 1e9)
-                writer.write_message(topic, message_class(**values), log_time=ns, publish_time=ns)
+            for time_s, fields in timed_fields:
+                time_ns = 1_700_000_000_000_000_000 + round(time_s * 1e9)
+                writer.write_message(
+                    topic, message_class(**fields), log_time=time_ns, publish_time=time_ns
+                )
     return path
 
 
-def cruise(times: Any) -> list[Row]:
-    return [(float(at), {"speed": 1.0, "heading": 0.0, "depth": 5.0}) for at in times]
+def motion_at(times: Any) -> list[TimedFields]:
+    """Own motion north at 1 m/s at these times [s]."""
+    return [(float(time_s), {"speed": 1.0, "heading": 0.0, "depth": 5.0}) for time_s in times]
 
 
-def one_ping(at: float) -> Row:
-    return at, {
-        **POSE,
-        "leader_timestamp": at,
+def reception_at(time_s: float) -> TimedFields:
+    """Two ranges, from a leader at the origin whose clock is the vehicle's."""
+    return time_s, {
+        **LEADER_AT_ORIGIN,
+        "leader_timestamp": time_s,
         "range_rear": 40.0,
         "range_front": 41.0,
         "range_middle": np.nan,
@@ -116,14 +127,16 @@ def test_jitter_and_late_samples_are_taken_as_they_are(tmp_path: Path) -> None:
     random = np.random.default_rng(4)
     times = 0.1002 * np.arange(6000) + random.uniform(-0.01, 0.01, 6000)
     times[3000] += 0.06
-    path = write_rows(tmp_path / "a.mcap", cruise(times), [one_ping(50.0), one_ping(500.0)])
-    m, remarks = read_recording(path, "auv")
+    path = write_messages(
+        tmp_path / "a.mcap", motion_at(times), [reception_at(50.0), reception_at(500.0)]
+    )
+    measured, remarks = read_recording(path, "auv")
     assert remarks == ()
-    assert m.dt == pytest.approx(np.median(np.diff(times)), abs=1e-9)
-    assert m.durations is not None
-    np.testing.assert_allclose(m.durations[1:], np.diff(times), atol=2e-9)
-    assert m.durations[0] == m.dt
-    assert m.message_step.tolist() == [
+    assert measured.dt == pytest.approx(np.median(np.diff(times)), abs=1e-9)
+    assert measured.durations is not None
+    np.testing.assert_allclose(measured.durations[1:], np.diff(times), atol=2e-9)
+    assert measured.durations[0] == measured.dt
+    assert measured.message_step.tolist() == [
         int(np.argmax(times >= 50.0)) + 1,
         int(np.argmax(times >= 500.0)) + 1,
     ]
@@ -133,7 +146,7 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
     times = 0.1 * np.arange(400)
     times[100:] += 3.0
     times[300:] += 12.0
-    path = write_rows(tmp_path / "a.mcap", cruise(times), [one_ping(1.0)])
+    path = write_messages(tmp_path / "a.mcap", motion_at(times), [reception_at(1.0)])
     with pytest.raises(LogError) as caught:
         read_recording(path, "auv")
     assert (
@@ -141,29 +154,32 @@ def test_gaps_are_named_and_bridged_up_to_a_bound(tmp_path: Path) -> None:
         "s are bridged" in str(caught.value)
     )
     assert "--longest-gap SECONDS" in str(caught.value)
-    m, remarks = read_recording(path, "auv", longest_gap_s=15.0)
+    measured, remarks = read_recording(path, "auv", longest_gap_s=15.0)
     assert remarks == ("2 gaps in /auv/motion bridged: 12.1 s at 32.900 s, 3.1 s at 9.900 s",)
-    assert m.durations is not None
-    assert m.durations[[100, 300]].tolist() == pytest.approx([3.1, 12.1])
-    assert m.time[-1] == pytest.approx(times[-1] + 0.1)
+    assert measured.durations is not None
+    assert measured.durations[[100, 300]].tolist() == pytest.approx([3.1, 12.1])
+    assert measured.time[-1] == pytest.approx(times[-1] + 0.1)
     # slow sensors have no gaps
     assert (
         read_recording(
-            write_rows(tmp_path / "b.mcap", cruise([0, 30, 60.1]), [one_ping(40.0)]), "auv"
+            write_messages(tmp_path / "b.mcap", motion_at([0, 30, 60.1]), [reception_at(40.0)]),
+            "auv",
         ).remarks
         == ()
     )
 
 
 def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
-    motion = cruise(0.1 * np.arange(100))
+    motion = motion_at(0.1 * np.arange(100))
     motion[10] = (motion[10][0], {"speed": np.nan, "heading": 0.0, "depth": 5.0})
     motion[20] = (motion[19][0], {"speed": 2.0, "heading": 0.0, "depth": 5.0})
-    receptions = [one_ping(at) for at in (-5.0, 2.0, 4.01, 4.02, 6.0, 7.0, 11.0)]
+    receptions = [reception_at(time_s) for time_s in (-5.0, 2.0, 4.01, 4.02, 6.0, 7.0, 11.0)]
     receptions[4][1]["leader_east"] = np.inf
     receptions[5][1].update(range_rear=-1.0, range_front=np.inf)
     receptions[5][1].pop("range_middle")
-    m, remarks = read_recording(write_rows(tmp_path / "a.mcap", motion, receptions), "auv")
+    measured, remarks = read_recording(
+        write_messages(tmp_path / "a.mcap", motion, receptions), "auv"
+    )
     assert remarks == (
         "1 message of /auv/motion left out: not finite",
         "1 message of /auv/motion left out: at the very time of another",
@@ -172,11 +188,11 @@ def test_unusable_records_are_dropped_and_reported(tmp_path: Path) -> None:
         "1 message of /auv/reception left out: followed by another in the same filter step",
         "2 ranges of /auv/reception taken as not received: no positive number",
     )
-    assert m.speed.size == 98
-    assert m.speed[18] == 2.0
+    assert measured.speed.size == 98
+    assert measured.speed[18] == 2.0
     # the leader's clock is not the log's: no message was on its way, the first step takes 0.1 s
-    assert m.message[:, 0] == pytest.approx([2.1, 4.12, 7.1])
-    assert np.isnan(m.ranges[2]).all()
+    assert measured.message[:, 0] == pytest.approx([2.1, 4.12, 7.1])
+    assert np.isnan(measured.ranges[2]).all()
 
 
 def without_presence(type_: RecordType) -> Any:
@@ -187,74 +203,95 @@ def without_presence(type_: RecordType) -> Any:
     return message_class_of(SimpleNamespace(name=type_.schema.name, data=files.SerializeToString()))
 
 
-@pytest.mark.parametrize("presence", [True, False])
+@pytest.mark.parametrize("has_presence", [True, False])
 def test_what_a_vehicle_does_not_record_is_absent_without_a_remark(
-    tmp_path: Path, presence: bool
+    tmp_path: Path, has_presence: bool
 ) -> None:
     """Protobuf reads an unset number as zero: no third range, and neither pitch nor roll, in 300
     receptions.
     """
-    schema = RECEPTION if presence else SimpleNamespace(message_class=without_presence(RECEPTION))
+    schema = (
+        RECEPTION if has_presence else SimpleNamespace(message_class=without_presence(RECEPTION))
+    )
     times = np.arange(1.0, 301.0)
     receptions = [
-        (float(at), {**POSE, "leader_timestamp": at, "range_rear": 40.0, "range_front": 41.0})
-        for at in times
+        (
+            float(time_s),
+            {
+                **LEADER_AT_ORIGIN,
+                "leader_timestamp": time_s,
+                "range_rear": 40.0,
+                "range_front": 41.0,
+            },
+        )
+        for time_s in times
     ]
-    log = write_rows(tmp_path / "a.mcap", cruise(times), receptions, schema)  # type: ignore[arg-type]
-    m, remarks = read_recording(log, "auv")
+    log = write_messages(tmp_path / "a.mcap", motion_at(times), receptions, schema)  # type: ignore[arg-type]
+    measured, remarks = read_recording(log, "auv")
     assert remarks == ()
-    assert m.ranges[:, :2].tolist() == [[40.0, 41.0]] * 300
-    assert np.isnan(m.ranges[:, 2]).all()
-    message = LeaderMessage(*m.message.T)
+    assert measured.ranges[:, :2].tolist() == [[40.0, 41.0]] * 300
+    assert np.isnan(measured.ranges[:, 2]).all()
+    message = LeaderMessage(*measured.message.T)
     assert np.isnan([message.pitch, message.roll]).all()
     assert message.heading.tolist() == [0.0] * 300
 
 
 def test_fewer_than_two_samples_make_no_steps(tmp_path: Path) -> None:
-    for motion in ([], cruise([1.0]), [(k, {"speed": np.nan}) for k in range(5)]):
+    for motion in ([], motion_at([1.0]), [(k, {"speed": np.nan}) for k in range(5)]):
         with pytest.raises(
             LogError, match=r"(lacks channel|holds [01] usable messages?; at least two are needed)"
         ):
-            read_recording(write_rows(tmp_path / "a.mcap", motion, [one_ping(1.0)]), "auv")
+            read_recording(write_messages(tmp_path / "a.mcap", motion, [reception_at(1.0)]), "auv")
 
 
-BEACONS = {
+BEACON_POSITIONS = {
     "rear": (0.0, 0.0, 2.0),
     "front": (400.0, 30.0, 4.0),
     "middle": (180.0, 350.0, 3.0),
 }
 
 
-def beacon_log(path: Path, *, placed: bool, alone: bool = False) -> tuple[Path, Floats]:
+def beacon_log(
+    path: Path, *, beacons_in_log: bool, rear_range_only: bool = False
+) -> tuple[Path, Floats]:
     """A vehicle that sails among beacons, on a clock that jitters; and where it was at its
-    samples, shape (n, 2).
+    samples, shape (n, 2). The log may hold the positions of the beacons, and may lack the ranges to
+    all but the rear one.
     """
     random = np.random.default_rng(8)
     times = np.sort(0.2 * np.arange(1000) + random.uniform(-0.02, 0.02, 1000))
     # it is at the start of the scenario's route a step before its first sample
-    way = times - times[0] + np.median(np.diff(times))
-    place = np.array([50.0, 20.0]) + way[:, None] * [0.6, 0.8]
+    distance = times - times[0] + np.median(np.diff(times))
+    positions = np.array([50.0, 20.0]) + distance[:, None] * [0.6, 0.8]
     motion = [
         (float(t), {"speed": 1.0, "heading": float(np.arctan2(0.6, 0.8)), "depth": 6.0})
         for t in times
     ]
     receptions = []
     for k in range(10, 1000, 10):
-        at = np.append(place[k], 6.0)
-        row = {**POSE, **{f"range_{n}": float(np.linalg.norm(at - b)) for n, b in BEACONS.items()}}
-        if alone:
-            row |= {"range_front": np.nan, "range_middle": np.nan}
-        if placed:
-            for name, where in BEACONS.items():
-                row |= dict(
-                    zip((f"{name}_east", f"{name}_north", f"{name}_depth"), where, strict=True)
+        hydrophone = np.append(positions[k], 6.0)
+        fields = {
+            **LEADER_AT_ORIGIN,
+            **{
+                f"range_{n}": float(np.linalg.norm(hydrophone - b))
+                for n, b in BEACON_POSITIONS.items()
+            },
+        }
+        if rear_range_only:
+            fields |= {"range_front": np.nan, "range_middle": np.nan}
+        if beacons_in_log:
+            for name, beacon in BEACON_POSITIONS.items():
+                fields |= dict(
+                    zip((f"{name}_east", f"{name}_north", f"{name}_depth"), beacon, strict=True)
                 )
-        receptions.append((float(times[k]), row))
-    return write_rows(path, motion, receptions, PLACED_RECEPTION if placed else RECEPTION), place
+        receptions.append((float(times[k]), fields))
+    return write_messages(
+        path, motion, receptions, PLACED_RECEPTION if beacons_in_log else RECEPTION
+    ), positions
 
 
 def replayed(
-    folder: Path, log: Path, navigation: str, *words: str
+    folder: Path, log: Path, navigation: str, *options: str
 ) -> tuple[list[dict[str, str]], str]:
     (folder / "auv.toml").write_text(
         "duration_s = 200\n[leader]\nwaypoints = [[0, 0, 0], [200, 0, 200]]\n[[followers]]\nname = "
@@ -263,39 +300,49 @@ def replayed(
         f"0.0\n{navigation}\n",
         encoding="utf-8",
     )
-    out = folder / "auv.csv"
-    given = ["replay", str(log), "--scenario", str(folder / "auv.toml"), "--out", str(out), *words]
-    result = CliRunner().invoke(app, given)
+    estimates_path = folder / "auv.csv"
+    arguments = [
+        "replay",
+        str(log),
+        "--scenario",
+        str(folder / "auv.toml"),
+        "--out",
+        str(estimates_path),
+        *options,
+    ]
+    result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    return list(csv.DictReader(out.open(encoding="utf-8"))), result.output
+    return list(csv.DictReader(estimates_path.open(encoding="utf-8"))), result.output
 
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-2"])
 def test_beacons_hundreds_of_metres_apart_place_the_vehicle(tmp_path: Path, variant: str) -> None:
     """Without noise the position is exact, whether the log or the scenario places the beacons."""
-    # heading north: forward is north, port is west
-    offsets = [[north, -east, -depth] for east, north, depth in BEACONS.values()]
-    for placed, expected in ((True, ""), (False, f"transmitters_m = {offsets}")):
-        log, place = beacon_log(tmp_path / "a.mcap", placed=placed)
-        rows, output = replayed(tmp_path, log, expected, "--variant", variant)
+    # the leader heads north: in its frame (forward, port, up) north is forward, and east negative
+    offsets = [[north, -east, -depth] for east, north, depth in BEACON_POSITIONS.values()]
+    for beacons_in_log, navigation in ((True, ""), (False, f"transmitters_m = {offsets}")):
+        log, positions = beacon_log(tmp_path / "a.mcap", beacons_in_log=beacons_in_log)
+        rows, output = replayed(tmp_path, log, navigation, "--variant", variant)
         actual = np.array([[float(row["x_m"]), float(row["y_m"])] for row in rows])
-        assert np.abs(actual - place).max() < 1e-6
+        assert np.abs(actual - positions).max() < 1e-6
         assert "lost" not in output
-        assert all(head in output for head in ("Δt [s]", "x [m]", "y [m]"))
+        assert all(header in output for header in ("Δt [s]", "x [m]", "y [m]"))
         assert float(rows[-1]["time_s"]) == pytest.approx(0.2 * 1000, abs=0.1)
 
 
 def test_a_range_alone_is_used_in_a_replay_unless_the_scenario_refuses(tmp_path: Path) -> None:
-    log, place = beacon_log(tmp_path / "a.mcap", placed=True, alone=True)
+    log, positions = beacon_log(tmp_path / "a.mcap", beacons_in_log=True, rear_range_only=True)
     rows, output = replayed(tmp_path, log, "")
     assert "99 one range" in output
-    assert float(rows[-1]["x_m"]) == pytest.approx(place[-1, 0], abs=1e-6)
+    assert float(rows[-1]["x_m"]) == pytest.approx(positions[-1, 0], abs=1e-6)
     assert "99 lost" in replayed(tmp_path, log, "use_single_range = false")[1]
 
 
 def test_long_gaps_are_bridged_by_command(tmp_path: Path) -> None:
-    log = write_rows(
-        tmp_path / "a.mcap", cruise([*np.arange(20.0), *np.arange(50.0, 70.0)]), [one_ping(1.0)]
+    log = write_messages(
+        tmp_path / "a.mcap",
+        motion_at([*np.arange(20.0), *np.arange(50.0, 70.0)]),
+        [reception_at(1.0)],
     )
     rows, output = replayed(tmp_path, log, "", "--longest-gap", "40")
     assert "note: 1 gap in /auv/motion bridged: 31 s at 19.000 s" in output
@@ -337,30 +384,30 @@ def test_a_real_vehicles_log_is_replayed_by_command(
 ) -> None:
     """Dead reckoning north at 1 m/s, as the ranges are refused: 40 steps of 0.05 s are 2 m."""
     monkeypatch.chdir(tmp_path)
-    write_foreign(tmp_path / "auv.mcap", speed=1.0)
+    write_vehicle_log(tmp_path / "auv.mcap", speed=1.0)
     (tmp_path / "auv.toml").write_text(
         "duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "
         '"auv"\n'
         "waypoints = [[0, 5, -20], [20, 5, 0]]\n",
         encoding="utf-8",
     )
-    out = tmp_path / "auv.csv"
-    words = [
+    estimates_path = tmp_path / "auv.csv"
+    arguments = [
         "replay",
         str(tmp_path / "auv.mcap"),
         "--scenario",
         str(tmp_path / "auv.toml"),
         "--out",
-        str(out),
+        str(estimates_path),
     ]
-    result = CliRunner().invoke(app, words)
+    result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     # its one range, of 40 m, would move it farther than it can have come
     assert "2 rejected" in result.output
     assert "note:" not in result.output
     assert "report in out/replay/auv.html" in result.output
     assert "2σ ellipses" in Path("out/replay/auv.html").read_text(encoding="utf-8")
-    rows = list(csv.DictReader(out.open(encoding="utf-8")))
+    rows = list(csv.DictReader(estimates_path.open(encoding="utf-8")))
     assert len(rows) == 40
     assert float(rows[-1]["time_s"]) == pytest.approx(2.0)
     # started at the true speed and course, and measured so throughout
@@ -375,12 +422,12 @@ def test_a_navigator_that_diverges_is_an_error_of_the_input(
         raise ArithmeticError("step 9: a covariance is not positive definite")
 
     monkeypatch.setattr("laisn.navigator.Navigator.run", diverge)
-    write_foreign(tmp_path / "auv.mcap")
+    write_vehicle_log(tmp_path / "auv.mcap")
     (tmp_path / "auv.toml").write_text(
         '[[followers]]\nname = "auv"\nroute = "T5"\n', encoding="utf-8"
     )
-    words = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml")]
-    result = CliRunner().invoke(app, words, env={"COLUMNS": "300"})
+    arguments = ["replay", str(tmp_path / "auv.mcap"), "--scenario", str(tmp_path / "auv.toml")]
+    result = CliRunner().invoke(app, arguments, env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
     assert (
         "auv.mcap: auv: the navigator diverged: step 9: a covariance is not positive definite"
@@ -405,9 +452,9 @@ def test_times_of_messages_count_from_the_start_by_whichever_clock(
 ) -> None:
     # times of the log begin in 2023, and the first step of 0.05 s ends where its readings begin
     epoch = 1.7e9 if stamps[0] == 0.9 else 0.0
-    receptions = [one_ping(at) for at in (1.0, 2.0, 3.0)]
-    for (_, values), stamp in zip(receptions, stamps, strict=True):
-        values["leader_timestamp"] = stamp + epoch
-    log = write_rows(tmp_path / "a.mcap", cruise(0.05 * np.arange(100)), receptions)
+    receptions = [reception_at(time_s) for time_s in (1.0, 2.0, 3.0)]
+    for (_, fields), stamp in zip(receptions, stamps, strict=True):
+        fields["leader_timestamp"] = stamp + epoch
+    log = write_messages(tmp_path / "a.mcap", motion_at(0.05 * np.arange(100)), receptions)
     measured = read_recording(log, "auv").measurements
     np.testing.assert_allclose(measured.message[:, 0], expected, rtol=0.0, atol=2e-6)

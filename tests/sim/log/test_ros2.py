@@ -34,17 +34,17 @@ from tests.synthetic import make_flight, moved
 EPOCH_NS = 1767225600 * 10**9  # 2026-01-01T00:00:00Z, the epoch of scenarios
 
 
-def export(flight: FlightRecord, folder: Path, **more: Any) -> Path:
+def export(flight: FlightRecord, folder: Path, **options: Any) -> Path:
     """The bag that the command writes of a flight's log."""
     log = folder / "mission.mcap"
-    writer.write(flight, log, **more)
+    writer.write(flight, log, **options)
     result = CliRunner().invoke(app, ["log", "export", str(log), "--ros2", str(folder / "bag")])
     assert result.exit_code == 0, result.output
     assert str(folder / "bag" / "metadata.yaml") in result.output.replace("\n", "")
     return folder / "bag"
 
 
-def told(result: Any) -> str:
+def printed_text(result: Any) -> str:
     """What a command printed, on one line."""
     return " ".join(result.output.split())
 
@@ -103,24 +103,30 @@ Topics = dict[str, list[tuple[int, Any]]]
 
 
 def test_the_truth_is_that_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
-    t = flight.trajectory
-    times = EPOCH_NS + np.rint(1e9 * t.time).astype(np.int64)
-    for v, name in enumerate(t.names):
+    trajectory = flight.trajectory
+    times = EPOCH_NS + np.rint(1e9 * trajectory.time).astype(np.int64)
+    for vehicle, name in enumerate(trajectory.names):
         messages = [message for _, message in topics[f"/{name}/truth/odometry"]]
-        assert [at for at, _ in topics[f"/{name}/truth/odometry"]] == times.tolist()
+        assert [time_ns for time_ns, _ in topics[f"/{name}/truth/odometry"]] == times.tolist()
         assert [stamp_ns(message.header) for message in messages] == times.tolist()
-        assert {m.header.frame_id for m in messages} == {"map"}
-        assert {m.child_frame_id for m in messages} == {f"{name}/base_link"}
-        poses = [m.pose.pose for m in messages]
-        assert np.array_equal([xyz(p.position) for p in poses], t.position[:, v])
-        assert np.array_equal([wxyz(p.orientation) for p in poses], t.quaternion[:, v])
+        assert {message.header.frame_id for message in messages} == {"map"}
+        assert {message.child_frame_id for message in messages} == {f"{name}/base_link"}
+        poses = [message.pose.pose for message in messages]
+        assert np.array_equal(
+            [xyz(pose.position) for pose in poses], trajectory.position[:, vehicle]
+        )
+        assert np.array_equal(
+            [wxyz(pose.orientation) for pose in poses], trajectory.quaternion[:, vehicle]
+        )
         # velocity in the body, by another library
-        turns = Rotation.from_quat(np.roll(t.quaternion[:, v], -1, axis=1))
-        velocity = turns.inv().apply(t.velocity[:, v].copy())
-        twists = [m.twist.twist for m in messages]
-        assert np.allclose([xyz(w.linear) for w in twists], velocity, atol=1e-12, rtol=0)
-        assert np.array_equal([xyz(w.angular) for w in twists], t.angular_velocity[:, v])
-    assert [stamp_ns_of_clock(m) for _, m in topics["/clock"]] == times.tolist()
+        rotations = Rotation.from_quat(np.roll(trajectory.quaternion[:, vehicle], -1, axis=1))
+        velocity = rotations.inv().apply(trajectory.velocity[:, vehicle].copy())
+        twists = [message.twist.twist for message in messages]
+        assert np.allclose([xyz(twist.linear) for twist in twists], velocity, atol=1e-12, rtol=0)
+        assert np.array_equal(
+            [xyz(twist.angular) for twist in twists], trajectory.angular_velocity[:, vehicle]
+        )
+    assert [stamp_ns_of_clock(message) for _, message in topics["/clock"]] == times.tolist()
 
 
 def stamp_ns_of_clock(message: Any) -> int:
@@ -129,70 +135,85 @@ def stamp_ns_of_clock(message: Any) -> int:
 
 def test_the_estimate_is_that_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
-        e = flight.estimates[i]
-        m = flight.measurements[i]
+        estimate = flight.estimates[i]
+        measured = flight.measurements[i]
         odometry = [message for _, message in topics[f"/{name}/estimate/odometry"]]
         poses = [message for _, message in topics[f"/{name}/estimate/pose"]]
         for messages in (odometry, poses):
-            place = np.array([xyz(message.pose.pose.position) for message in messages])
-            assert np.array_equal(place[:, :2], e.state[:, :2])
+            position = np.array([xyz(message.pose.pose.position) for message in messages])
+            assert np.array_equal(position[:, :2], estimate.state[:, :2])
             # the hydrophone sits 0.1 m above the pressure sensor
-            assert np.allclose(place[:, 2], 0.1 - m.depth, atol=1e-12, rtol=0)
-            spread = np.array([message.pose.covariance for message in messages]).reshape(-1, 6, 6)
-            assert np.array_equal(spread[:, :2, :2], e.covariance[:, :2, :2])
-            assert np.linalg.eigvalsh(spread).min() >= -1e-12
+            assert np.allclose(position[:, 2], 0.1 - measured.depth, atol=1e-12, rtol=0)
+            covariance = np.array([message.pose.covariance for message in messages]).reshape(
+                -1, 6, 6
+            )
+            assert np.array_equal(covariance[:, :2, :2], estimate.covariance[:, :2, :2])
+            assert np.linalg.eigvalsh(covariance).min() >= -1e-12
         # forward and port of a level hull at the measured heading
-        forward = np.column_stack([np.sin(m.heading), np.cos(m.heading)])
-        port = np.column_stack([-np.cos(m.heading), np.sin(m.heading)])
+        forward = np.column_stack([np.sin(measured.heading), np.cos(measured.heading)])
+        port = np.column_stack([-np.cos(measured.heading), np.sin(measured.heading)])
         linear = np.array([xyz(message.twist.twist.linear) for message in odometry])
-        velocity = e.state[:, 2:]
+        velocity = estimate.state[:, 2:]
         assert np.allclose(linear[:, 0], (velocity * forward).sum(axis=1), atol=1e-12, rtol=0)
         assert np.allclose(linear[:, 1], (velocity * port).sum(axis=1), atol=1e-12, rtol=0)
-        spread = np.array([message.twist.covariance for message in odometry]).reshape(-1, 6, 6)
-        along = np.einsum("ni,nij,nj->n", forward, e.covariance[:, 2:, 2:], forward)
-        assert np.allclose(spread[:, 0, 0], along, atol=1e-12, rtol=0)
+        covariance = np.array([message.twist.covariance for message in odometry]).reshape(-1, 6, 6)
+        variance_forward = np.einsum(
+            "ni,nij,nj->n", forward, estimate.covariance[:, 2:, 2:], forward
+        )
+        assert np.allclose(covariance[:, 0, 0], variance_forward, atol=1e-12, rtol=0)
 
 
 def test_measurements_are_those_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     for i, name in enumerate(flight.trajectory.names[1:]):
-        m = flight.measurements[i]
-        speed = [one.twist.twist.linear.x for _, one in topics[f"/{name}/speed_log"]]
-        assert np.array_equal(speed, m.speed)
-        pressure = np.array([one.fluid_pressure for _, one in topics[f"/{name}/pressure"]])
+        measured = flight.measurements[i]
+        speed = [message.twist.twist.linear.x for _, message in topics[f"/{name}/speed_log"]]
+        assert np.array_equal(speed, measured.speed)
+        pressure = np.array([message.fluid_pressure for _, message in topics[f"/{name}/pressure"]])
         # 1026 kg/m³ and 9.81 m/s² below the standard atmosphere
-        assert np.allclose((pressure - 101325.0) / (1026.0 * 9.81), m.depth, atol=1e-9, rtol=0)
-        imu = [one for _, one in topics[f"/{name}/imu"]]
-        turns = Rotation.from_quat(np.roll([wxyz(one.orientation) for one in imu], -1, axis=1))
-        yaw = turns.as_euler("ZYX")[:, 0]
-        away = np.remainder(0.5 * math.pi - yaw - m.heading + math.pi, 2 * math.pi) - math.pi
-        assert np.abs(away).max() < 1e-12
-        assert {one.angular_velocity_covariance[0] for one in imu} == {-1.0}
-        received = [one for _, one in topics[f"/{name}/reception"]]
-        assert [one.leader_east for one in received] == m.message[:, 1].tolist()
+        assert np.allclose(
+            (pressure - 101325.0) / (1026.0 * 9.81), measured.depth, atol=1e-9, rtol=0
+        )
+        imu = [message for _, message in topics[f"/{name}/imu"]]
+        rotations = Rotation.from_quat(
+            np.roll([wxyz(message.orientation) for message in imu], -1, axis=1)
+        )
+        yaw = rotations.as_euler("ZYX")[:, 0]
+        heading_error = (
+            np.remainder(0.5 * math.pi - yaw - measured.heading + math.pi, 2 * math.pi) - math.pi
+        )
+        assert np.abs(heading_error).max() < 1e-12
+        assert {message.angular_velocity_covariance[0] for message in imu} == {-1.0}
+        receptions = [message for _, message in topics[f"/{name}/reception"]]
+        assert [message.leader_east for message in receptions] == measured.message[:, 1].tolist()
         assert np.array_equal(
-            [(one.range_rear, one.range_front, one.range_middle) for one in received],
-            m.ranges,
+            [
+                (message.range_rear, message.range_front, message.range_middle)
+                for message in receptions
+            ],
+            measured.ranges,
             equal_nan=True,
         )
         for k, transmitter in enumerate(("rear", "front", "middle")):
-            heard = np.isfinite(m.ranges[:, k])
+            is_received = np.isfinite(measured.ranges[:, k])
             messages = topics[f"/{name}/range/{transmitter}"]
-            assert [one.range for _, one in messages] == m.ranges[heard, k].astype("f4").tolist()
-            steps = m.message_step[heard]
-            assert [at for at, _ in messages] == (EPOCH_NS + 10**8 * steps).tolist()
-            assert {one.radiation_type for _, one in messages} == {0}
+            assert [message.range for _, message in messages] == measured.ranges[
+                is_received, k
+            ].astype("f4").tolist()
+            steps = measured.message_step[is_received]
+            assert [time_ns for time_ns, _ in messages] == (EPOCH_NS + 10**8 * steps).tolist()
+            assert {message.radiation_type for _, message in messages} == {0}
 
 
-def test_a_vehicle_at_030_points_there(tmp_path: Path) -> None:
+def test_a_vehicle_at_030_and_nose_up_points_there(tmp_path: Path) -> None:
     """REP 103, by hand: at a compass heading of 30°, 20° nose up, forward is 30° east of north and
     up by 20°, and port is level, to the north-west.
     """
     flown = make_flight(10.0)
-    n, v, _ = flown.trajectory.position.shape
-    turned = np.broadcast_to(
-        attitude.from_euler(math.radians(30.0), math.radians(20.0)), (n, v, 4)
+    instants, vehicles, _ = flown.trajectory.position.shape
+    quaternion = np.broadcast_to(
+        attitude.from_euler(math.radians(30.0), math.radians(20.0)), (instants, vehicles, 4)
     ).copy()
-    flown = replace(flown, trajectory=moved(flown.trajectory, quaternion=turned))
+    flown = replace(flown, trajectory=moved(flown.trajectory, quaternion=quaternion))
     topics = by_rosbags(export(flown, tmp_path))
     frames = {
         transform.child_frame_id: transform
@@ -201,13 +222,15 @@ def test_a_vehicle_at_030_points_there(tmp_path: Path) -> None:
     }
     quaternion = frames["leader/base_link"].transform.rotation
     hull = Rotation.from_quat([quaternion.x, quaternion.y, quaternion.z, quaternion.w])
-    s, c = 0.5, math.sqrt(0.75)
-    up, level = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
-    assert np.allclose(hull.apply([1, 0, 0]), [s * level, c * level, up], atol=1e-12)
-    assert np.allclose(hull.apply([0, 1, 0]), [-c, s, 0.0], atol=1e-12)
+    sin_30, cos_30 = 0.5, math.sqrt(0.75)
+    up, horizontal = math.sin(math.radians(20.0)), math.cos(math.radians(20.0))
+    assert np.allclose(
+        hull.apply([1, 0, 0]), [sin_30 * horizontal, cos_30 * horizontal, up], atol=1e-12
+    )
+    assert np.allclose(hull.apply([0, 1, 0]), [-cos_30, sin_30, 0.0], atol=1e-12)
     # level at 030 the yaw is 60°, whose half has the sine 0.5
     level_hull = attitude.from_euler(math.radians(30.0))
-    assert np.allclose(level_hull, [c, 0.0, 0.0, 0.5], atol=1e-15)
+    assert np.allclose(level_hull, [cos_30, 0.0, 0.0, 0.5], atol=1e-15)
 
 
 def test_frames_are_those_of_rep_105(topics: Topics, flight: FlightRecord) -> None:
@@ -229,7 +252,7 @@ def test_frames_are_those_of_rep_105(topics: Topics, flight: FlightRecord) -> No
     assert "map" not in parents
 
 
-def test_places_on_the_map(topics: Topics, flight: FlightRecord) -> None:
+def test_positions_on_the_map_are_those_of_the_flight(topics: Topics, flight: FlightRecord) -> None:
     scenario = flight.scenario
     first = topics["/leader/truth/navsat"][0][1]
     assert first.latitude == scenario.origin_latitude_deg
@@ -239,9 +262,10 @@ def test_places_on_the_map(topics: Topics, flight: FlightRecord) -> None:
     # a minute of latitude is about a nautical mile
     minutes = 60.0 * (last.latitude - scenario.origin_latitude_deg)
     assert minutes * 1852.0 == pytest.approx(north, rel=0.01)
-    across = math.cos(math.radians(scenario.origin_latitude_deg))
+    # and one of longitude is shorter by the cosine of the latitude
+    cos_latitude = math.cos(math.radians(scenario.origin_latitude_deg))
     minutes = 60.0 * (last.longitude - scenario.origin_longitude_deg)
-    assert minutes * 1852.0 * across == pytest.approx(east, rel=0.01)
+    assert minutes * 1852.0 * cos_latitude == pytest.approx(east, rel=0.01)
     assert last.position_covariance[4] == flight.estimates[0].covariance[290, 1, 1]
 
 
@@ -251,12 +275,12 @@ def test_humble_reads_what_later_releases_read(bag: Path) -> None:
     """
     humble = get_typestore(Stores.ROS2_HUMBLE)
     with AnyReader([bag]) as reader:
-        seen = set()
+        compared_types = set()
         for connection, _, raw in reader.messages():
             type_name = connection.msgtype
-            if type_name in seen or type_name.startswith("laisn_msgs"):
+            if type_name in compared_types or type_name.startswith("laisn_msgs"):
                 continue
-            seen.add(type_name)
+            compared_types.add(type_name)
             if type_name == "sensor_msgs/msg/Range":
                 assert (
                     humble.deserialize_cdr(raw[:-4], type_name).range
@@ -265,10 +289,10 @@ def test_humble_reads_what_later_releases_read(bag: Path) -> None:
             else:
                 assert humble.hash_rihs01(type_name) == connection.digest
                 humble.deserialize_cdr(raw, type_name)
-    facts = YAML(typ="safe").load(bag / "metadata.yaml")["rosbag2_bagfile_information"]
-    assert facts["version"] == 8
-    assert facts["storage_identifier"] == "mcap"
-    for topic in facts["topics_with_message_count"]:
+    bag_information = YAML(typ="safe").load(bag / "metadata.yaml")["rosbag2_bagfile_information"]
+    assert bag_information["version"] == 8
+    assert bag_information["storage_identifier"] == "mcap"
+    for topic in bag_information["topics_with_message_count"]:
         # Humble reads a text here, in which there is a list
         profiles = topic["topic_metadata"]["offered_qos_profiles"]
         assert isinstance(profiles, str)
@@ -303,17 +327,20 @@ def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
         origin, geometry = visual.find("origin"), visual.find("geometry")
         assert origin is not None
         assert geometry is not None
-        place = np.array(str(origin.get("xyz")).split(), float)
+        position = np.array(str(origin.get("xyz")).split(), float)
         angles = np.array(str(origin.get("rpy")).split(), float)
         rotation = Rotation.from_euler("xyz", angles)
         for cylinder in geometry.findall("cylinder"):
-            half = 0.5 * float(str(cylinder.get("length")))
+            half_length = 0.5 * float(str(cylinder.get("length")))
             radius = float(str(cylinder.get("radius")))
-            for end in (-half, half):
+            for end_along_axis in (-half_length, half_length):
                 # a disc of a cylinder reaches along x by its radius times the sine
                 axis = rotation.apply([0, 0, 1])
-                aside = radius * math.sqrt(max(0.0, 1.0 - axis[0] ** 2))
-                ends += [place[0] + end * axis[0] - aside, place[0] + end * axis[0] + aside]
+                disc_extent = radius * math.sqrt(max(0.0, 1.0 - axis[0] ** 2))
+                ends += [
+                    position[0] + end_along_axis * axis[0] - disc_extent,
+                    position[0] + end_along_axis * axis[0] + disc_extent,
+                ]
     assert min(ends) == pytest.approx(-1.03, abs=1e-4)
     assert max(ends) == pytest.approx(1.0, abs=1e-4)
 
@@ -321,35 +348,41 @@ def test_the_hull_is_as_long_as_the_model(topics: Topics) -> None:
 def test_the_view_shows_what_is_in_the_bag(bag: Path, flight: FlightRecord) -> None:
     view = YAML(typ="safe").load(bag / "view.rviz")["Visualization Manager"]
     assert view["Global Options"]["Fixed Frame"] == "map"
-    shown = dict[str, str]()
+    durability_in_view = dict[str, str]()
     for display in view["Displays"]:
         for key in ("Topic", "Description Topic"):
             if key in display:
-                shown[display[key]["Value"]] = display[key]["Durability Policy"]
+                durability_in_view[display[key]["Value"]] = display[key]["Durability Policy"]
     with AnyReader([bag]) as reader:
         durability = {
             connection.topic: connection.ext.offered_qos_profiles[0].durability  # type: ignore[union-attr]
             for connection in reader.connections
         }
-    words = {
+    name_in_rviz = {
         QosDurability.TRANSIENT_LOCAL: "Transient Local",
         QosDurability.VOLATILE: "Volatile",
     }
     # a subscriber gets what was latched only if it asks for that
-    assert shown == {topic: words[durability[topic]] for topic in shown}
+    assert durability_in_view == {
+        topic: name_in_rviz[durability[topic]] for topic in durability_in_view
+    }
     for name in flight.trajectory.names:
-        assert {f"/{name}/robot_description", f"/{name}/truth/odometry"} <= shown.keys()
-    assert "/follower2/estimate/odometry" in shown
+        assert {
+            f"/{name}/robot_description",
+            f"/{name}/truth/odometry",
+        } <= durability_in_view.keys()
+    assert "/follower2/estimate/odometry" in durability_in_view
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_angles_of_a_description(seed: int) -> None:
+def test_roll_pitch_and_yaw_of_a_description_give_its_rotation(seed: int) -> None:
     rotation = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
-    again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-    assert np.allclose(again, rotation, atol=1e-12)
+    by_angles = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
+    assert np.allclose(by_angles, rotation, atol=1e-12)
+    # at a pitch of 90° roll and yaw are not unique
     upright = Rotation.from_euler("xyz", [0.0, 0.5 * math.pi, 0.3 * seed]).as_matrix()
-    again = Rotation.from_euler("xyz", roll_pitch_yaw(upright)).as_matrix()
-    assert np.allclose(again, upright, atol=1e-9)
+    by_angles = Rotation.from_euler("xyz", roll_pitch_yaw(upright)).as_matrix()
+    assert np.allclose(by_angles, upright, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", ["follower", "remus100", "lauv", "bluerov2_heavy"])
@@ -358,7 +391,7 @@ def test_every_hull_has_a_description(model: str) -> None:
     assert len(robot.findall("link/visual/geometry/*")) > 5
 
 
-def h264(frames: int) -> list[tuple[float, bytes]]:
+def grey_film(frames: int) -> list[tuple[float, bytes]]:
     """A film of a grey that becomes lighter, a frame a second."""
     encoder = av.CodecContext.create("libx264", "w")
     encoder.width, encoder.height = 64, 48
@@ -374,9 +407,9 @@ def h264(frames: int) -> list[tuple[float, bytes]]:
 
 
 def test_the_film_becomes_pictures(tmp_path: Path) -> None:
-    bag = export(make_flight(30.0), tmp_path, video=h264(8))
+    bag = export(make_flight(30.0), tmp_path, video=grey_film(8))
     messages = by_rosbags(bag)["/camera/compressed"]
-    assert [at - EPOCH_NS for at, _ in messages] == [10**9 * i for i in range(8)]
+    assert [time_ns - EPOCH_NS for time_ns, _ in messages] == [10**9 * i for i in range(8)]
     assert {message.format for _, message in messages} == {"jpeg"}
     means = [
         float(np.mean(PIL.Image.open(BytesIO(message.data.tobytes())).convert("L")))
@@ -388,9 +421,9 @@ def test_the_film_becomes_pictures(tmp_path: Path) -> None:
 def test_the_same_flight_gives_the_same_bytes(
     flight: FlightRecord, bag: Path, tmp_path: Path
 ) -> None:
-    again = export(flight, tmp_path)
+    second_bag = export(flight, tmp_path)
     for name in ("bag.mcap", "metadata.yaml"):
-        assert (again / name).read_bytes() == (bag / name).read_bytes()
+        assert (second_bag / name).read_bytes() == (bag / name).read_bytes()
 
 
 def test_a_bag_replaces_a_bag_and_nothing_else(flight: FlightRecord, tmp_path: Path) -> None:
@@ -408,12 +441,12 @@ def test_a_bag_replaces_a_bag_and_nothing_else(flight: FlightRecord, tmp_path: P
     (tmp_path / "mine/notes.txt").write_text("keep")
     result = run("mine")
     assert result.exit_code != 0
-    assert "holds notes.txt" in told(result)
+    assert "holds notes.txt" in printed_text(result)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
     assert not [path for path in tmp_path.iterdir() if path.name.startswith(".bag")]
 
 
-def test_names_that_topics_cannot_have(tmp_path: Path) -> None:
+def test_names_that_topics_cannot_have_are_replaced(tmp_path: Path) -> None:
     flown = make_flight(10.0, 2)
     names = ("leader", "no-1", "2nd.auv")
     trajectory = replace(
@@ -449,14 +482,14 @@ def test_sensors_whose_names_are_alike_have_topics_of_their_own(tmp_path: Path) 
         assert all(message.values.tolist() == values for _, message in messages)
 
 
-def test_times_that_ros_cannot_count(tmp_path: Path) -> None:
+def test_times_that_ros_cannot_count_are_refused(tmp_path: Path) -> None:
     flown = make_flight(10.0)
     late = flown.scenario.model_copy(update={"epoch": "2040-01-01T00:00:00Z"})
     writer.write(replace(flown, scenario=late), tmp_path / "a.mcap")
     result = CliRunner().invoke(
         app, ["log", "export", str(tmp_path / "a.mcap"), "--ros2", str(tmp_path / "bag")]
     )
-    assert "January 2038" in told(result)
+    assert "January 2038" in printed_text(result)
     assert not (tmp_path / "bag").exists()
 
 
@@ -466,4 +499,4 @@ def test_without_the_package_one_sentence_tells_what_to_install(
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     writer.write(make_flight(10.0), tmp_path / "a.mcap")
     result = CliRunner().invoke(app, ["log", "export", str(tmp_path / "a.mcap"), "--ros2"])
-    assert "pip install rosbags" in told(result)
+    assert "pip install rosbags" in printed_text(result)
