@@ -106,7 +106,8 @@ def write_study(
     folder: Path, seeds: tuple[int, ...], added: float, added_by_seed: float = 0.0
 ) -> Path:
     """Write the tables of a study of two baselines: the error of run k of seed s is
-    1 + 0.1 · (s + k) + `added` · (1 + k) + `added_by_seed` · s [m], with the second baseline 1 m more.
+    1 + 0.1 · (s + k) + `added` · (1 + k) + `added_by_seed` · s [m], 1 m more with the second
+    baseline.
     """
     folder.mkdir()
     runs = [
@@ -150,7 +151,7 @@ def test_differences_are_taken_run_by_run_of_the_same_seeds(tmp_path):
         ("leader.baseline_m = 1.0",),
         ("leader.baseline_m = 2.0",),
     ]
-    # `write_study` does not write the file of a study; differences that are equal to the bit have no
+    # `write_study` does not write a study's file; differences that are equal to the bit have no
     # interval
     for folder in (first, second):
         (folder / "study.toml").write_text('scenario = "T5"\n', encoding="utf-8")

@@ -15,13 +15,13 @@ TABLE = {"scenario": "T5", "runs": 40, "set": {"duration_s": 20.0}}
 
 
 def results_of(plan: StudyPlan, mean, noise: float = 0.0) -> Results:
-    """Runs of all points: a mean of the point's values and the arm, and noise that all places
-    share.
+    """Runs of all points and arms: `mean` of the point's values and the arm, plus the same 40 draws
+    of noise, in every third point once, twice and three times as large.
     """
-    rows, runs, random = [], [], np.random.default_rng(2).normal(0.0, noise, 40)
+    rows, runs, draws = [], [], np.random.default_rng(2).normal(0.0, noise, 40)
     for (i, point), arm in itertools.product(enumerate(plan.points), plan.arms):
         row = {"point": i, "arm": arm, "follower": plan.followers[0], "realization": 0, "seed": 1}
-        values = mean(*point.values(), arm) + random * (1 + i % 3)
+        values = mean(*point.values(), arm) + draws * (1 + i % 3)
         rows.append(row)
         runs.append((row, {"e_p_mean_m": values.tolist()}))
     return Results.of(rows, runs)
@@ -38,7 +38,7 @@ def factorial() -> StudyPlan:
 
 
 def test_factors_that_add_explain_their_own_variances(factorial: StudyPlan) -> None:
-    """x of −1, 0, 1, y of ±1 and an arm of ±1: variances 2/3 a², b², c²."""
+    """3 x + 2 y + z of x in −1, 0, 1, y of ±1 and the arm's z of ±1: variances 2/3 · 3², 2², 1."""
 
     def mean(x: float, y: float, arm: str) -> float:
         return 10 + 3.0 * (x - 12) / 2 + 2.0 * (y - 6) + (1.0 if arm == "a" else -1.0)
@@ -79,13 +79,13 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     """2 u + v² + w of u, v, w in 0 … 1: variances 4/12, 4/45 and 1/12, which a quadratic
     explains whole.
     """
-    ends = (
+    ranges = (
         {"from": 10.0, "to": 14.0},
         {"from": 5.0, "to": 7.0},
         {"from": 0.01, "to": 1.0, "scale": "log"},
     )
     keys = "followers.0.depth_m", "leader.depth_m", "sensors.speed_bias_m_s"
-    table = TABLE | {"vary": dict(zip(keys, ends, strict=True)), "design": design, "points": 128}
+    table = TABLE | {"vary": dict(zip(keys, ranges, strict=True)), "design": design, "points": 128}
     plan = plan_of(study_from_table(table, "mine.toml", "mine"))
 
     def mean(x: float, y: float, z: float, _: str) -> float:
@@ -99,12 +99,14 @@ def test_sampled_ranges_have_their_sobol_indices(design: str) -> None:
     assert INTERACTIONS not in actual
 
 
-def test_a_single_factor_and_constant_columns_are_not_discussed(factorial: StudyPlan) -> None:
+def test_a_single_factor_and_constant_columns_have_no_shares(factorial: StudyPlan) -> None:
     assert main_effects(factorial, results_of(factorial, lambda *_: 3.0), "e_p_mean_m") == {}
-    one = plan_of(
+    single_factor = plan_of(
         study_from_table(TABLE | {"vary": {"leader.depth_m": [5.0, 7.0]}}, "mine.toml", "mine")
     )
-    assert main_effects(one, results_of(one, lambda y, _: y), "e_p_mean_m") == {}
+    assert (
+        main_effects(single_factor, results_of(single_factor, lambda y, _: y), "e_p_mean_m") == {}
+    )
 
 
 def test_limits_leave_a_fortieth_of_the_resamples_at_each_end() -> None:

@@ -20,6 +20,7 @@ RIVALS, _ = studies.studies_of("rivals", {}, quick=True)
 
 @pytest.fixture
 def without_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """GTSAM cannot be imported."""
     monkeypatch.setitem(sys.modules, "gtsam", None)
 
 
@@ -42,7 +43,7 @@ def test_nothing_is_left_out_where_everything_is_installed() -> None:
 
 @pytest.mark.system
 @pytest.mark.usefixtures("without_gtsam")
-def test_a_built_in_study_says_so_before_its_first_run_and_flies_the_rest(
+def test_a_built_in_study_names_arms_left_out_before_its_first_run_and_flies_the_rest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(plans: list[StudyPlan], *_: object, **__: object) -> None:
@@ -58,7 +59,7 @@ def test_a_built_in_study_says_so_before_its_first_run_and_flies_the_rest(
 
 
 @pytest.mark.usefixtures("without_gtsam")
-def test_a_scenario_that_needs_it_is_refused_before_it_is_flown() -> None:
+def test_a_scenario_that_needs_a_missing_package_is_refused_before_it_is_flown() -> None:
     result = CliRunner().invoke(app, ["check", "T5", "--set", "navigation.variant=factor-graph"])
     assert result.exit_code == 2
     assert "navigation.variant: 'factor-graph' needs GTSAM, which is not installed" in result.output
@@ -67,9 +68,9 @@ def test_a_scenario_that_needs_it_is_refused_before_it_is_flown() -> None:
 
 
 def test_a_table_without_pandas_names_the_command_that_installs_it() -> None:
-    def lacking(*_: object) -> None:
+    def fail_without_pandas(*_: object) -> None:
         raise ModuleNotFoundError("No module named 'pandas'")
 
-    table = Table(SimpleNamespace(to_pandas=lacking))
+    table = Table(SimpleNamespace(to_pandas=fail_without_pandas))
     with pytest.raises(LaisnError, match="pip install pandas"):
         table.to_pandas()

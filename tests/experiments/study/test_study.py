@@ -72,46 +72,51 @@ WIDE = 2**1024 - 1
 
 
 def study(text=SMALL, **changes):
+    """The study of a file with this text, of which some keys have other values."""
     return study_from_table(tomllib.loads(text) | changes, "mine.toml", "mine")
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def study_folder(tmp_path_factory):
+    """The results folder of the small study, computed by one process."""
     folder = tmp_path_factory.mktemp("study")
     run_studies({"study": study()}, folder, workers=1, quiet=True)
     return folder
 
 
-def test_tables_have_a_row_for_each_point_arm_realization_and_follower(flown):
-    table = pq.read_table(flown / RESULTS).to_pylist()
-    assert [(r["point"], r["arm"], r["realization"], r["follower"]) for r in table] == [
-        (p, arm, realization, "follower")
-        for p in (0, 1)
+def test_tables_have_a_row_for_each_point_arm_realization_and_follower(study_folder):
+    table = pq.read_table(study_folder / RESULTS).to_pylist()
+    assert [
+        (record["point"], record["arm"], record["realization"], record["follower"])
+        for record in table
+    ] == [
+        (point, arm, realization, "follower")
+        for point in (0, 1)
         for arm in ("level", "attitude")
         for realization in (0, 1)
     ]
-    assert [r["followers.0.depth_m"] for r in table] == [10] * 4 + [14] * 4
-    runs = pq.read_table(flown / RUNS).to_pylist()
+    assert [record["followers.0.depth_m"] for record in table] == [10] * 4 + [14] * 4
+    runs = pq.read_table(study_folder / RUNS).to_pylist()
     assert len(runs) == 3 * len(table)
     for row, first in zip(table, range(0, len(runs), 3), strict=True):
-        own = runs[first : first + 3]
-        assert [r["run"] for r in own] == [0, 1, 2]
-        assert np.mean([r["e_p_mean_m"] for r in own]) == pytest.approx(
+        runs_of_row = runs[first : first + 3]
+        assert [record["run"] for record in runs_of_row] == [0, 1, 2]
+        assert np.mean([record["e_p_mean_m"] for record in runs_of_row]) == pytest.approx(
             row["e_p_mean_m"], rel=1e-12
         )
 
 
-def test_the_study_of_a_folder_is_the_one_that_was_flown(flown):
-    again = study_of(str(flown / STUDY), {"runs": 5})
-    first = study()
-    assert again.runs == 5
-    assert (again.settings, again.factors, again.draws, again.arms) == (
-        first.settings,
-        first.factors,
-        first.draws,
-        first.arms,
+def test_the_study_of_a_folder_is_the_one_that_was_flown(study_folder):
+    read_study = study_of(str(study_folder / STUDY), {"runs": 5})
+    original = study()
+    assert read_study.runs == 5
+    assert (read_study.settings, read_study.factors, read_study.draws, read_study.arms) == (
+        original.settings,
+        original.factors,
+        original.draws,
+        original.arms,
     )
-    assert again.draws[0].value(1, 0) == first.draws[0].value(1, 0)
+    assert read_study.draws[0].value(1, 0) == original.draws[0].value(1, 0)
 
 
 def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
@@ -123,18 +128,18 @@ def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
     key, name = "followers.0.model", "hulls/mine.xml"
     tables = [{"set": {key: name}}, {"vary": {key: [name]}}, {"arm": [{"name": "own", key: name}]}]
     for number, table in enumerate(tables):
-        first = study_from_table({"scenario": "two.toml"} | table, "s", "s", tmp_path)
+        original = study_from_table({"scenario": "two.toml"} | table, "s", "s", tmp_path)
         folder = tmp_path / "out" / str(number)
         folder.mkdir(parents=True)
-        (folder / STUDY).write_text(tomli_w.dumps(table_in(first, folder)), encoding="utf-8")
-        again = study_of(str(folder / STUDY), {})
-        assert [e.scenario for e in plan_of(again).entries] == [
-            e.scenario for e in plan_of(first).entries
+        (folder / STUDY).write_text(tomli_w.dumps(table_in(original, folder)), encoding="utf-8")
+        read_study = study_of(str(folder / STUDY), {})
+        assert [entry.scenario for entry in plan_of(read_study).entries] == [
+            entry.scenario for entry in plan_of(original).entries
         ]
-        assert plan_of(again).entries[0].scenario.followers[0].model
+        assert plan_of(read_study).entries[0].scenario.followers[0].model
 
 
-def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
+def test_every_column_is_a_label_a_count_or_a_metric_with_a_meaning(study_folder):
     labels = {
         "point",
         "arm",
@@ -144,47 +149,50 @@ def test_every_column_is_a_label_or_a_metric_that_is_explained(flown):
         "ocean.waves.height_m",
         "run",
     }
-    expected = {"variant", "seed", "runs", "steps", "worst_run"}
+    counts = {"variant", "seed", "runs", "steps", "worst_run"}
     for name in (RESULTS, RUNS):
-        assert set(pq.read_table(flown / name).column_names) <= labels | expected | set(METRICS)
+        assert set(pq.read_table(study_folder / name).column_names) <= labels | counts | set(
+            METRICS
+        )
 
 
-def test_arms_share_realizations_and_noise(flown):
+def test_arms_share_realizations_and_noise(study_folder):
     plan = plan_of(study())
     for entry in plan.entries:
         twin = next(
-            e
-            for e in plan.entries
-            if (e.point, e.realization) == (entry.point, entry.realization) and e.arm != entry.arm
+            other
+            for other in plan.entries
+            if (other.point, other.realization) == (entry.point, entry.realization)
+            and other.arm != entry.arm
         )
         assert entry.motion_key == twin.motion_key
         assert entry.scenario.seed == twin.scenario.seed
         assert entry.settings["ocean.waves.height_m"] == twin.settings["ocean.waves.height_m"]
     assert plan.flights == 4
-    missions = {Store(flown).path(entry.motion_key) for entry in plan.entries}
+    missions = {Store(study_folder).path(entry.motion_key) for entry in plan.entries}
     assert [path.is_file() for path in missions] == [True] * 4
 
 
 def test_another_key_leaves_draws_as_they_were():
-    more = tomllib.loads(SMALL)
-    more["draw"]["leader.excess_buoyancy_n"] = {"uniform": [0, 5]}
-    more["realizations"] = 4
-    before, after = plan_of(study()), plan_of(study_from_table(more, "more.toml", "more"))
+    larger_table = tomllib.loads(SMALL)
+    larger_table["draw"]["leader.excess_buoyancy_n"] = {"uniform": [0, 5]}
+    larger_table["realizations"] = 4
+    before, after = plan_of(study()), plan_of(study_from_table(larger_table, "more.toml", "more"))
     key = "ocean.waves.height_m"
-    drawn = {e.realization: e.settings[key] for e in after.entries}
-    assert {e.realization: e.settings[key] for e in before.entries} == {
+    drawn = {entry.realization: entry.settings[key] for entry in after.entries}
+    assert {entry.realization: entry.settings[key] for entry in before.entries} == {
         realization: drawn[realization] for realization in (0, 1)
     }
     assert drawn[0] == Draw.of(key, {"uniform": [0.2, 0.8]}).value(1, 0)
 
 
-def test_the_command_of_a_run_repeats_it(flown, tmp_path):
+def test_the_command_of_a_run_repeats_it(study_folder, tmp_path):
     plan = plan_of(study())
     rows = {
-        (r["point"], r["arm"], r["realization"], r["run"]): r
-        for r in pq.read_table(flown / RUNS).to_pylist()
+        (row["point"], row["arm"], row["realization"], row["run"]): row
+        for row in pq.read_table(study_folder / RUNS).to_pylist()
     }
-    outcomes = fly_studies([plan], flown, workers=1, quiet=True)[0]
+    outcomes = fly_studies([plan], study_folder, workers=1, quiet=True)[0]
     lines = commands(plan, Results.of(outcomes.rows, outcomes.runs)).splitlines()
     assert len(lines) == 2 * 2 * 4
     words = shlex.split(lines[-1])
@@ -193,16 +201,18 @@ def test_the_command_of_a_run_repeats_it(flown, tmp_path):
     assert words[0] == "laisn"
     result = CliRunner().invoke(app, [*words[1:], "--no-video", "--out", str(tmp_path / "one")])
     assert result.exit_code == 0, result.output
-    alone = findings.json.loads((tmp_path / "one" / "summary.json").read_text())["e_p_mean_m"]
-    assert any(alone == pytest.approx(row["e_p_mean_m"], rel=1e-9) for row in expected)
-    everything = sorted(r["e_p_mean_m"] for key, r in rows.items() if key[:2] == (1, "attitude"))
-    assert alone == pytest.approx(everything[2], rel=1e-9), "the last line is the median run"
+    error = findings.json.loads((tmp_path / "one" / "summary.json").read_text())["e_p_mean_m"]
+    assert any(error == pytest.approx(row["e_p_mean_m"], rel=1e-9) for row in expected)
+    sorted_errors = sorted(
+        row["e_p_mean_m"] for key, row in rows.items() if key[:2] == (1, "attitude")
+    )
+    assert error == pytest.approx(sorted_errors[2], rel=1e-9), "the last line is the median run"
 
 
 @pytest.mark.system
-def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
+def test_two_workers_after_a_kill_give_the_same_bytes(study_folder, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
-    out = tmp_path / "out"
+    folder = tmp_path / "out"
     code = "from laisn_sim.cli.main import main; main()"
     command = [
         sys.executable,
@@ -211,7 +221,7 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
         "study",
         "mine.toml",
         "--out",
-        str(out),
+        str(folder),
         "--workers",
         "1",
     ]
@@ -221,21 +231,21 @@ def test_two_workers_after_a_kill_give_the_same_bytes(flown, tmp_path):
     deadline = time.monotonic() + 300
     while (
         process.poll() is None
-        and len(list(out.glob("store/*.npz"))) < 2
+        and len(list(folder.glob("store/*.zip"))) < 2
         and time.monotonic() < deadline
     ):
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL)
     process.wait()
-    assert not (out / REPORT).exists(), "it was killed too late"
-    run_studies({"study": study()}, out, workers=2, quiet=True)
+    assert not (folder / REPORT).exists(), "it was killed too late"
+    run_studies({"study": study()}, folder, workers=2, quiet=True)
     assert multiprocessing.active_children() == [], "workers would keep their memory"
     for name in FILES:
-        assert (out / name).read_bytes() == (flown / name).read_bytes(), name
+        assert (folder / name).read_bytes() == (study_folder / name).read_bytes(), name
 
 
 @pytest.mark.system
-def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path):
+def test_two_commands_in_one_folder_both_end_with_the_same_bytes(study_folder, tmp_path):
     (tmp_path / "mine.toml").write_text(SMALL)
     code = "from laisn_sim.cli.main import main; main()"
     command = [
@@ -250,21 +260,21 @@ def test_two_commands_in_one_folder_both_end_with_the_same_bytes(flown, tmp_path
         "1",
         "--no-scene",
     ]
-    both = [
+    processes = [
         subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
         for _ in "ab"
     ]
-    for process in both:
+    for process in processes:
         _, errors = process.communicate(timeout=300)
         assert process.returncode == 0, errors
     for name in FILES:
-        assert (tmp_path / "shared" / name).read_bytes() == (flown / name).read_bytes(), name
+        assert (tmp_path / "shared" / name).read_bytes() == (study_folder / name).read_bytes(), name
 
 
-def test_nothing_is_computed_twice(flown, monkeypatch):
+def test_nothing_is_computed_twice(study_folder, monkeypatch):
     monkeypatch.setattr(campaign, "compute", None)
     monkeypatch.setattr(campaign, "_fly", None)
-    run_studies({"study": study()}, flown, workers=1, quiet=True)
+    run_studies({"study": study()}, study_folder, workers=1, quiet=True)
 
 
 def test_all_invalid_keys_of_all_points_are_reported_at_once():
@@ -392,12 +402,13 @@ def test_an_error_is_reported_with_its_key(changes, expected):
 
 
 def refused(**changes):
+    """The message with which the changed study is refused."""
     with pytest.raises(StudyError) as error:
         plan_of(study(**changes))
     return str(error.value)
 
 
-def test_all_errors_of_the_files_own_keys_are_reported_at_once():
+def test_all_errors_of_the_file_s_own_keys_are_reported_at_once():
     text = refused(runs=0, speed=1, report={"metrik": "e_p"}, realizations=0)
     for expected in (
         "runs: Input",
@@ -467,39 +478,50 @@ def test_a_wrong_number_of_runs_is_reported_with_its_key(changes, expected):
 
 @pytest.mark.system
 def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
-    given = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
-    one = study(SMALL, runs=UNTIL, **given)
-    first = Results.of(
-        *rows_and_runs(fly_studies([plan_of(one)], tmp_path / "first", workers=1, quiet=True)[0])
+    keys = {"realizations": 1, "draw": {}, "arm": [], "set": {"duration_s": 20.0}}
+    first_study = study(SMALL, runs=UNTIL, **keys)
+    first_batch = Results.of(
+        *rows_and_runs(
+            fly_studies([plan_of(first_study)], tmp_path / "first", workers=1, quiet=True)[0]
+        )
     )
-    widths = [half_width(first.estimate(place, "e_p_mean_m")) for place in first.rows]
-    wanted = 0.6 * max(widths)
-    narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": wanted}}
+    widths = [half_width(first_batch.estimate(place, "e_p_mean_m")) for place in first_batch.rows]
+    largest_half_width = 0.6 * max(widths)
+    until_narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": largest_half_width}}
     run_studies(
-        {"study": study(SMALL, runs=narrow, **given)}, tmp_path / "until", workers=1, quiet=True
+        {"study": study(SMALL, runs=until_narrow, **keys)},
+        tmp_path / "until",
+        workers=1,
+        quiet=True,
     )
-    flown = pq.read_table(tmp_path / "until" / RESULTS).to_pylist()
-    (runs,) = {row["runs"] for row in flown}
+    rows = pq.read_table(tmp_path / "until" / RESULTS).to_pylist()
+    (runs,) = {row["runs"] for row in rows}
     # 20 / 0.6² = 55.6: as a rule three batches are enough
     assert runs % 20 == 0
     assert 40 <= runs <= 120
     # the same as with that number of runs from the start, to the byte
     run_studies(
-        {"study": study(SMALL, runs=runs, **given)}, tmp_path / "fixed", workers=1, quiet=True
+        {"study": study(SMALL, runs=runs, **keys)}, tmp_path / "fixed", workers=1, quiet=True
     )
     for name in (RESULTS, RUNS, RECORD):
         assert (tmp_path / "until" / name).read_bytes() == (tmp_path / "fixed" / name).read_bytes()
     actual = findings.read_findings(tmp_path / "until" / RECORD).findings
-    assert max((f.high - f.low) / 2 for key, f in actual.items() if "point" in key) <= wanted
-    most = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
+    assert (
+        max((finding.high - finding.low) / 2 for key, finding in actual.items() if "point" in key)
+        <= largest_half_width
+    )
+    at_most_30_runs = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
     (outcomes,) = fly_until_narrow(
-        [plan_of(study(SMALL, runs=most, **given))], tmp_path / "most", quiet=True
+        [plan_of(study(SMALL, runs=at_most_30_runs, **keys))], tmp_path / "most", quiet=True
     )
     assert (outcomes.plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
-    cells = UNTIL | {"until": {"metric": "e_p_std_m", "half_width": 1.0}}
+    metric_of_cells = UNTIL | {"until": {"metric": "e_p_std_m", "half_width": 1.0}}
     with pytest.raises(LaisnError, match="'e_p_std_m' is not a metric of single runs"):
         fly_until_narrow(
-            [plan_of(study(SMALL, runs=cells, **given))], tmp_path / "until", workers=1, quiet=True
+            [plan_of(study(SMALL, runs=metric_of_cells, **keys))],
+            tmp_path / "until",
+            workers=1,
+            quiet=True,
         )
 
 
@@ -513,7 +535,7 @@ def half_width(interval):
 
 @pytest.mark.system
 def test_followers_that_steer_by_estimates_fly_every_run(tmp_path):
-    one = study(
+    closed_loop_study = study(
         """
 scenario = "T3"
 runs = 2
@@ -524,19 +546,19 @@ followers.0.guidance_position = "estimate"
 "navigation.variant" = ["laisn-2", "laisn-3-2"]
 """
     )
-    plan = plan_of(one)
+    plan = plan_of(closed_loop_study)
     assert plan.flights == 4
-    run_studies({"study": one}, tmp_path, workers=1, quiet=True)
+    run_studies({"study": closed_loop_study}, tmp_path, workers=1, quiet=True)
     row = pq.read_table(tmp_path / RUNS).to_pylist()[3]
     flight, _ = fly(plan.entries[1].scenario.model_copy(update={"run": 1}))
     ((position, _),) = position_and_bearing_errors(flight)
     assert row["e_p_mean_m"] == pytest.approx(float(position.mean()), rel=1e-12)
 
 
-def test_captures_of_single_flights_are_those_of_cells(tmp_path):
+def test_mirror_locks_of_single_flights_are_those_of_cells(tmp_path):
     keys = {"scenario": "T7", "vary": {"followers.0.depth_m": [20]}, "set": {"duration_s": 80.0}}
-    one = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
-    plan = plan_of(one)
+    cell_study = study(SMALL, realizations=1, runs=8, arm=[], draw={}, **keys)
+    plan = plan_of(cell_study)
     outcomes = fly_studies([plan], tmp_path, workers=1, quiet=True)[0]
     expected = outcomes.runs[0][1]["mirror_locked"]
     for run, mirror_locked in enumerate(expected):
@@ -573,18 +595,18 @@ def test_an_infeasible_mission_is_reported_and_the_others_continue(tmp_path, mon
     from experiments.campaign import montecarlo
     from experiments.campaign.store import CampaignError
 
-    # one after the other
-    alone = study(engine="mujoco")
-    plan = plan_of(alone)
-    whole = montecarlo.simulate_mission
+    # MuJoCo's missions are simulated one after the other
+    one_by_one = study(engine="mujoco")
+    plan = plan_of(one_by_one)
+    simulate = montecarlo.simulate_mission
 
-    def some(scenario):
+    def simulate_or_fail(scenario):
         if scenario.followers[0].depth_m == 14:
             raise CampaignError("mission 'T5': lost at 3 s")
-        return whole(scenario)
+        return simulate(scenario)
 
-    monkeypatch.setattr(montecarlo, "simulate_mission", some)
-    run_studies({"study": alone}, tmp_path, workers=1, quiet=True)
+    monkeypatch.setattr(montecarlo, "simulate_mission", simulate_or_fail)
+    run_studies({"study": one_by_one}, tmp_path, workers=1, quiet=True)
     assert {r["point"] for r in pq.read_table(tmp_path / RESULTS).to_pylist()} == {0}
     page = (tmp_path / REPORT).read_text()
     assert "lost at 3 s: 4 scenarios" in page
@@ -623,41 +645,43 @@ def test_a_dry_run_prints_the_cost_of_a_study_and_writes_nothing(tmp_path, monke
 
 
 @pytest.mark.parametrize(
-    ("steered", "runs", "blocks"), [(False, 60, 1), (False, 200, 4), (True, 5, 1)]
+    ("closed_loop", "runs", "blocks"), [(False, 60, 1), (False, 200, 4), (True, 5, 1)]
 )
-def test_the_time_of_a_study_is_that_of_its_missions_and_cells(monkeypatch, steered, runs, blocks):
+def test_the_time_of_a_study_is_that_of_its_missions_and_cells(
+    monkeypatch, closed_loop, runs, blocks
+):
     # on a simulated clock: 3 s for a mission and 0.1 s for a block of runs of a cell, by two
     # workers, 0.7 s for a call
     depth, bias = {"from": 8, "to": 17, "steps": 10}, {"from": 0.0, "to": 2.0, "steps": 5}
     table = {
         "scenario": "T5",
         "runs": runs,
-        "set": {"followers.0.guidance_position": "estimate" if steered else "truth"},
+        "set": {"followers.0.guidance_position": "estimate" if closed_loop else "truth"},
     }
     table |= {"vary": {"followers.0.depth_m": depth, "sensors.heading_bias_deg": bias}}
     clock, stored = [0.0], set()
 
-    def take(key, seconds):
+    def spend(key, seconds):
         clock[0] += 0.0 if key in stored else seconds / 2
         stored.add(key)
 
     def simulated(plans, folder, **options):
-        (part,) = plans
+        (plan,) = plans
         clock[0] += 0.7
-        for entry in part.entries:
-            length = entry.scenario.duration_s
-            for run in part.runs_of(entry) if steered else ():
-                take((entry.design_key, run, length), 3.0)
-            if not steered:
-                take((entry.motion_key, length), 3.0)
-                take((entry.design_key, part.study.runs, length), 0.1)
+        for entry in plan.entries:
+            duration = entry.scenario.duration_s
+            for run in plan.runs_of(entry) if closed_loop else ():
+                spend((entry.design_key, run, duration), 3.0)
+            if not closed_loop:
+                spend((entry.motion_key, duration), 3.0)
+                spend((entry.design_key, plan.study.runs, duration), 0.1)
         return [SimpleNamespace(failures={})]
 
     monkeypatch.setattr(study_module, "fly_studies", simulated)
     monkeypatch.setattr(study_module, "perf_counter", lambda: clock[0])
     seconds, _ = study_module._cost(plan_of(study_from_table(table, "s", "s")), 2)
     assert seconds == pytest.approx(
-        50 * runs * 3.0 / 2 if steered else (10 * 3.0 + 50 * blocks * 0.1) / 2
+        50 * runs * 3.0 / 2 if closed_loop else (10 * 3.0 + 50 * blocks * 0.1) / 2
     )
 
 
@@ -682,37 +706,42 @@ def test_points_are_counted_before_they_are_listed(tmp_path, options):
     assert "1,000,000,000 points, at most 200,000" in result.output
 
 
-@pytest.mark.parametrize(("steps", "shown"), [(10, []), (1000, ["scenarios: 1000/1000"])])
-def test_planning_many_scenarios_shows_progress(capsys, steps, shown):
-    many = {"from": 0, "to": 1, "steps": steps}
+@pytest.mark.parametrize(("steps", "last_line"), [(10, []), (1000, ["scenarios: 1000/1000"])])
+def test_planning_shows_progress_where_scenarios_are_many(capsys, steps, last_line):
+    values = {"from": 0, "to": 1, "steps": steps}
     plan_of(
         study_from_table(
-            {"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": many}}, "s", "s"
+            {"scenario": "T5", "vary": {"acoustics.range_scale_mean_m": values}}, "s", "s"
         ),
         quiet=False,
     )
-    assert [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()][-1:] == shown
+    assert [line.partition(",")[0] for line in capsys.readouterr().err.splitlines()][
+        -1:
+    ] == last_line
 
 
-def test_drawn_formations_are_the_followers_of_their_sea():
+def test_drawn_formations_are_the_followers_of_their_realization():
     area = {"count": 4, "spacing_m": 7.0, "width_m": 60.0, "layer_m": 0.0}
-    one = study_from_table(
+    drawn_study = study_from_table(
         {"scenario": "swarm", "realizations": 3, "draw": {"followers": {"formation": area}}},
         "s",
         "s",
     )
-    places = [[f.station for f in entry.scenario.followers] for entry in plan_of(one).entries]
-    assert [len(stations) for stations in places] == [4, 4, 4]
-    assert places[0] != places[1]
-    drawn = one.draws[0].value(1, 2)
-    assert [station.port_m for station in places[2]] == [
+    stations_by_realization = [
+        [follower.station for follower in entry.scenario.followers]
+        for entry in plan_of(drawn_study).entries
+    ]
+    assert [len(stations) for stations in stations_by_realization] == [4, 4, 4]
+    assert stations_by_realization[0] != stations_by_realization[1]
+    drawn = drawn_study.draws[0].value(1, 2)
+    assert [station.port_m for station in stations_by_realization[2]] == [
         follower["station"]["port_m"] for follower in drawn
     ]
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("name", shipped())
-def test_studies_that_ship_are_valid_and_introduce_themselves(name):
+def test_studies_that_ship_are_valid_and_have_a_head_and_a_question(name):
     for path in built_in_files(name).values() or [FOLDER / f"{name}.toml"]:
         assert path.read_text(encoding="utf-8").startswith("# ")
         plan = plan_of(study_of(str(path), {}))
@@ -726,11 +755,13 @@ def test_each_study_that_ships_has_a_command_of_its_name():
     assert set(BUILT_IN) == set(shipped())
     for name in BUILT_IN:
         wide = {"COLUMNS": "200"}
-        own, same = (
+        help_of_command, help_of_study = (
             CliRunner().invoke(app, [word, "--help"], env=wide).output for word in (name, "study")
         )
-        assert set(re.findall(r"--[a-z-]+", own)) == set(re.findall(r"--[a-z-]+", same))
-        assert BUILT_IN[name].split()[0] in own
+        assert set(re.findall(r"--[a-z-]+", help_of_command)) == set(
+            re.findall(r"--[a-z-]+", help_of_study)
+        )
+        assert BUILT_IN[name].split()[0] in help_of_command
 
 
 def test_a_study_file_without_a_scenario_says_what_it_lacks(tmp_path: Path) -> None:

@@ -35,9 +35,11 @@ MEANS = {
 }
 """Mean E_P [m] by point and arm."""
 RUNS = 40
-WAVES = np.cos(np.outer(np.arange(7), 1.0 + np.arange(RUNS)))
-OFF = WAVES - WAVES.mean(axis=1, keepdims=True)
-"""What runs scatter by, the last row in all arms alike."""
+UNCENTRED = np.cos(np.outer(np.arange(7), 1.0 + np.arange(RUNS)))
+SCATTER = UNCENTRED - UNCENTRED.mean(axis=1, keepdims=True)
+"""Seven rows of deviations of runs, each with the mean 0: one for each of `MEANS`, and one that
+all share.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +57,7 @@ def plan() -> StudyPlan:
 
 @pytest.fixture(scope="module")
 def results() -> Results:
+    """Runs with the means of `MEANS`: they scatter alike, and a tenth as much on their own."""
     rows, runs = [], []
     for k, ((point, arm), mean) in enumerate(MEANS.items()):
         row = {
@@ -65,15 +68,15 @@ def results() -> Results:
             "seed": 1,
             "energy_j": 100.0 * k,
         }
-        values = mean + 0.1 * OFF[6] + 0.01 * OFF[k]
+        values = mean + 0.1 * SCATTER[6] + 0.01 * SCATTER[k]
         mirror_locked = np.arange(RUNS) < 10 * (arm == "plain")
         rows.append(row | {"e_p_mean_m": float(values.mean())})
-        lists = {
+        run_arrays = {
             "run": [*range(RUNS)],
             "e_p_mean_m": values.tolist(),
             "mirror_locked": mirror_locked.tolist(),
         }
-        runs.append((row, lists))
+        runs.append((row, run_arrays))
     return Results.of(rows, runs)
 
 
@@ -82,7 +85,7 @@ def page(plan: StudyPlan, results: Results) -> Page:
     return page_of(plan, results, {})
 
 
-def place(point: int, arm: str) -> Condition:
+def condition(point: int, arm: str) -> Condition:
     return Condition(point, arm, "follower")
 
 
@@ -91,8 +94,8 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
 ) -> None:
     printed = page.summary
     best, worst = (
-        interval_text(results.estimate(place(*at), "e_p_mean_m"), "m")
-        for at in ((0, "aware"), (1, "aware"))
+        interval_text(results.estimate(condition(*point_and_arm), "e_p_mean_m"), "m")
+        for point_and_arm in ((0, "aware"), (1, "aware"))
     )
     assert best.startswith("0.500 m (0.4")
     assert f"Mean E_P, with 95 % intervals: {best} at best (" in printed
@@ -111,16 +114,16 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
 
 
 def test_the_terminal_has_the_answer_as_a_small_table(plan: StudyPlan, results: Results) -> None:
-    small = answer(plan, results)
-    assert small.heads == ("where", "mean E_P [m]", "less plain", "verdict")
-    assert len(small.rows) == 6
-    assert small.remark == ""
-    where, value, difference, verdict = small.rows[1]
+    table = answer(plan, results)
+    assert table.heads == ("where", "mean E_P [m]", "less plain", "verdict")
+    assert len(table.rows) == 6
+    assert table.remark == ""
+    where, value, difference, verdict = table.rows[1]
     assert where.endswith("arm aware")
-    assert value == interval_text(results.estimate(place(0, "aware"), "e_p_mean_m"))
+    assert value == interval_text(results.estimate(condition(0, "aware"), "e_p_mean_m"))
     assert difference.startswith(("−0.500", "-0.500"))
     assert verdict == "lower"
-    assert small.rows[0][2:] == ("–", "")
+    assert table.rows[0][2:] == ("–", "")
 
 
 def test_the_page_is_the_golden_one(page: Page) -> None:
@@ -133,51 +136,53 @@ def test_the_record_has_estimates_and_paired_differences(plan: StudyPlan, result
     assert len(actual) == 6 + 3
     for (point, arm), mean in MEANS.items():
         finding = actual[f"e_p_mean_m: point {point}, arm {arm}, follower"]
-        own = np.array(results.by_run(place(point, arm), "e_p_mean_m"))[0]
+        errors = np.array(results.by_run(condition(point, arm), "e_p_mean_m"))[0]
         assert finding.value == pytest.approx(mean, rel=1e-5)
         assert finding.unit == "m"
-        half = 1.96 * own.std() / np.sqrt(RUNS)
+        half_interval = 1.96 * errors.std() / np.sqrt(RUNS)
         assert (float(finding.high or 0) - float(finding.low or 0)) / 2 == pytest.approx(
-            half, rel=0.15
+            half_interval, rel=0.15
         )
-    apart = actual["e_p_mean_m: point 1, arm aware, follower, less plain"]
-    assert apart.value == pytest.approx(1.5, rel=1e-5)
+    difference = actual["e_p_mean_m: point 1, arm aware, follower, less plain"]
+    assert difference.value == pytest.approx(1.5, rel=1e-5)
     # what both arms scatter by drops out
-    assert float(apart.high or 0) - float(apart.low or 0) < 0.02
+    assert float(difference.high or 0) - float(difference.low or 0) < 0.02
 
 
 def test_worst_and_median_runs_are_those_of_their_place(plan: StudyPlan, results: Results) -> None:
     for point, arm in itertools.product(range(3), ("plain", "aware")):
-        (values,) = results.by_run(place(point, arm), "e_p_mean_m") or []
-        (realization, worst), (_, median) = worst_and_median_run(plan, results, place(point, arm))
+        (values,) = results.by_run(condition(point, arm), "e_p_mean_m") or []
+        (realization, worst), (_, median) = worst_and_median_run(
+            plan, results, condition(point, arm)
+        )
         assert (realization, worst) == (0, int(values.argmax()))
         # of 40 the twentieth
         assert np.count_nonzero(values < values[median]) == 19
     entry, run, name = worst_entry(plan, results)
     assert (entry.point, entry.arm, name) == (1, "aware", "follower")
-    assert run == int(np.argmax(np.array(results.by_run(place(1, "aware"), "e_p_mean_m"))))
+    assert run == int(np.argmax(np.array(results.by_run(condition(1, "aware"), "e_p_mean_m"))))
     assert commands(plan, results).count("--run") == 12
 
 
 def test_a_run_that_contact_ended_is_the_first_to_look_at(
     plan: StudyPlan, results: Results
 ) -> None:
-    """It has no error; of what is left the median, with 39 whole runs the twentieth, is reported
-    as before.
+    """It has no error, and is named as the worst; the median is that of the other 39 runs, the
+    twentieth.
     """
-    at = place(0, "plain")
-    (values,) = results.by_run(at, "e_p_mean_m") or []
-    ended = values.copy()
-    ended[7] = np.nan
-    lists = [dict(results.runs[at][0]) | {"e_p_mean_m": ended.tolist()}]
-    actual = replace(results, runs={**results.runs, at: lists})
-    (_, worst), (_, median) = worst_and_median_run(plan, actual, at)
+    plain = condition(0, "plain")
+    (values,) = results.by_run(plain, "e_p_mean_m") or []
+    with_ended_run = values.copy()
+    with_ended_run[7] = np.nan
+    run_arrays = [dict(results.runs[plain][0]) | {"e_p_mean_m": with_ended_run.tolist()}]
+    actual = replace(results, runs={**results.runs, plain: run_arrays})
+    (_, worst), (_, median) = worst_and_median_run(plan, actual, plain)
     assert worst == 7
-    assert np.count_nonzero(ended < ended[median]) == 19
-    assert actual.estimate(at, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
-    apart = actual.difference(place(0, "aware"), "plain", "e_p_mean_m")
-    (theirs,) = results.by_run(place(0, "aware"), "e_p_mean_m") or []
-    assert apart.value == pytest.approx(np.delete(theirs - values, 7).mean())
+    assert np.count_nonzero(with_ended_run < with_ended_run[median]) == 19
+    assert actual.estimate(plain, "e_p_mean_m").value == pytest.approx(np.delete(values, 7).mean())
+    difference = actual.difference(condition(0, "aware"), "plain", "e_p_mean_m")
+    (aware_values,) = results.by_run(condition(0, "aware"), "e_p_mean_m") or []
+    assert difference.value == pytest.approx(np.delete(aware_values - values, 7).mean())
 
 
 @pytest.mark.parametrize(
@@ -191,21 +196,22 @@ def test_a_run_that_contact_ended_is_the_first_to_look_at(
 def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     results: Results, values: Any, expected: str
 ) -> None:
-    """Runs that are all alike need no more; ten that contact left, which differ, have no
-    interval yet.
+    """Runs that are all alike need no more; where contact ended all but ten, which differ, there is
+    no interval yet, and its half-width counts as infinite.
     """
-    at = place(0, "plain")
-    runs = {at: [{"e_p_mean_m": values.tolist()}]}
-    one = Results(rows={at: results.rows[at]}, runs=runs)
-    interval = one.estimate(at, "e_p_mean_m")
-    wanted = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[
+    plain = condition(0, "plain")
+    runs = {plain: [{"e_p_mean_m": values.tolist()}]}
+    changed = Results(rows={plain: results.rows[plain]}, runs=runs)
+    interval = changed.estimate(plain, "e_p_mean_m")
+    half_width = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[
         expected
     ]
-    assert _largest_half_width(one, "e_p_mean_m") == wanted
+    assert _largest_half_width(changed, "e_p_mean_m") == half_width
 
 
 def test_commands_are_headed_by_the_runs_that_they_fly(plan: StudyPlan, results: Results) -> None:
     lines = commands(plan, results).splitlines()
+    # run 0 is the default
     for head, line in zip(lines[::2], lines[1::2], strict=True):
         number = head.rpartition(" run, ")[2]
         assert (
@@ -214,10 +220,8 @@ def test_commands_are_headed_by_the_runs_that_they_fly(plan: StudyPlan, results:
     assert [head.split(": ")[1].split()[0] for head in lines[::2]] == ["worst", "median"] * 6
 
 
-def test_a_place_counts_for_an_arm_by_its_whole_interval(plan: StudyPlan) -> None:
-    """Half of the realizations are 1 m lower and the others 0.9 m higher: in the mean lower, and
-    undecided.
-    """
+def test_a_condition_whose_interval_contains_zero_is_undecided(plan: StudyPlan) -> None:
+    """Half of the runs are 1 m lower, the others 0.9 m higher: lower in the mean, and undecided."""
     rows, runs = [], []
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
@@ -233,7 +237,7 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> 
     rows, runs = [], []
     for point, arm in itertools.product(range(3), ("plain", "aware")):
         row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
-        values = 2.0 + 0.1 * OFF[6] + (arm == "aware") * (5e-6 + 1e-7 * OFF[point])
+        values = 2.0 + 0.1 * SCATTER[6] + (arm == "aware") * (5e-6 + 1e-7 * SCATTER[point])
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     page = page_of(plan, Results.of(rows, runs), {})
@@ -245,8 +249,8 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> 
 
 
 def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_extremes() -> None:
-    """The error is the depth, a tenth of the leader's depth, and nothing of the current: shares
-    as the squares.
+    """The error is the depth plus a tenth of the leader's depth, whatever the current: shares are
+    as the squares, 1 to 0.01 to 0.
     """
     table = {
         "scenario": "T5", "runs": 1, "set": {"duration_s": 20.0},
@@ -265,13 +269,13 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
         }
         for i, point in enumerate(plan.points)
     ]
-    lists = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
-    page = page_of(plan, Results.of(rows, lists), {})
-    shares, maps, answer = page.sections[0].blocks[:3]
+    runs = [(row, {"run": [0], "e_p_mean_m": [row["e_p_mean_m"]]}) for row in rows]
+    page = page_of(plan, Results.of(rows, runs), {})
+    shares, maps, answer_table = page.sections[0].blocks[:3]
     assert isinstance(shares, Figures)
     assert isinstance(maps, Figures)
-    (marks,) = shares.panels[0].parts[0].lines
-    assert marks.x == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
+    (share_marks,) = shares.panels[0].parts[0].lines
+    assert share_marks.x == pytest.approx([1 / 1.01, 0.01 / 1.01, 0.0, 0.0], abs=1e-6)
     assert (
         len(
             {
@@ -282,11 +286,13 @@ def test_three_factors_are_answered_by_shares_of_variance_and_many_places_by_ext
         )
         == 1
     )
-    assert isinstance(answer, PageTable)
-    assert len(answer.rows) == 60
-    assert "The 60 lowest and highest of 80 places" in answer.caption
+    assert isinstance(answer_table, PageTable)
+    assert len(answer_table.rows) == 60
+    assert "The 60 lowest and highest of 80 places" in answer_table.caption
     values = sorted(row["e_p_mean_m"] for row in rows)
-    assert [float(row[-1].sort) for row in answer.rows] == pytest.approx(values[:30] + values[-30:])
+    assert [float(row[-1].sort) for row in answer_table.rows] == pytest.approx(
+        values[:30] + values[-30:]
+    )
 
 
 @pytest.mark.parametrize("depth_counts", [True, False])
@@ -316,19 +322,24 @@ def test_the_factor_that_decides_is_among_the_key_figures(depth_counts: bool) ->
 
 def test_columns_have_the_units_of_their_names() -> None:
     units = {"m": "[m]", "deg": "[°]", "j": "[J]", "w": "[W]"}
-    plain_ = {name for name in METRICS if name.rpartition("_")[2] not in units}
-    assert all(not METRICS[name].label.endswith("]") for name in plain_)
-    assert len(plain_) < len(METRICS) / 2
-    for name in METRICS.keys() - plain_:
+    without_unit = {name for name in METRICS if name.rpartition("_")[2] not in units}
+    assert all(not METRICS[name].label.endswith("]") for name in without_unit)
+    assert len(without_unit) < len(METRICS) / 2
+    for name in METRICS.keys() - without_unit:
         assert METRICS[name].label.endswith(f" {units[name.rpartition('_')[2]]}"), name
-        for word, printed in (("mean", "mean"), ("max", "largest"), ("std", "σ"), ("rms", "RMS")):
-            if f"_{word}_" in name and not name.startswith(("energy", "bound")):
+        for statistic, printed in (
+            ("mean", "mean"),
+            ("max", "largest"),
+            ("std", "σ"),
+            ("rms", "RMS"),
+        ):
+            if f"_{statistic}_" in name and not name.startswith(("energy", "bound")):
                 assert printed in METRICS[name].label + METRICS[name].meaning, name
     assert METRICS["e_b_p95_deg"].label == "95th percentile of E_B [°]"
 
 
 @pytest.fixture
-def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, Any]]]:
+def drawn_panels(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, Any]]]:
     """Lines and settings of the panels that charts draw."""
     actual: list[tuple[list[Line], dict[str, Any]]] = []
 
@@ -337,28 +348,30 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[Line], dict[str, A
 
 
 def test_lines_of_the_main_figure_are_the_means_of_their_arms(
-    plan: StudyPlan, results: Results, drawn: Any
+    plan: StudyPlan, results: Results, drawn_panels: Any
 ) -> None:
     figures = charts.over_factor(plan, results, charts.layout_of(plan))
-    ((lines, settings),) = drawn
+    ((lines, settings),) = drawn_panels
     assert (settings["x_label"], settings["y_label"]) == ("follower 1's depth [m]", "mean E_P [m]")
     assert [name for _, name in figures.legend] == ["plain", "aware"]
     for i, arm in enumerate(("plain", "aware")):
         line, marks = (line for line in lines if line.colour is SERIES[i])
         assert (line.marker, marks.marker) == ("", "o")
-        for mine in (line, marks):
-            assert mine.x.tolist() == [10.0, 12.0, 14.0]
-            assert mine.y == pytest.approx([MEANS[point, arm] for point in range(3)])
-        limits = [list(results.estimate(place(point, arm), "e_p_mean_m")[1:]) for point in range(3)]
+        for drawn_line in (line, marks):
+            assert drawn_line.x.tolist() == [10.0, 12.0, 14.0]
+            assert drawn_line.y == pytest.approx([MEANS[point, arm] for point in range(3)])
+        limits = [
+            list(results.estimate(condition(point, arm), "e_p_mean_m")[1:]) for point in range(3)
+        ]
         assert np.transpose(marks.interval).tolist() == limits
         assert marks.name == arm
 
 
-def test_differences_are_drawn_from_a_line_of_none(
-    plan: StudyPlan, results: Results, drawn: Any
+def test_differences_are_drawn_with_a_line_at_zero(
+    plan: StudyPlan, results: Results, drawn_panels: Any
 ) -> None:
     figures = charts.differences(plan, results)
-    ((lines, settings),) = drawn
+    ((lines, settings),) = drawn_panels
     assert settings["y_label"] == "difference: mean E_P [m]"
     assert [name for _, name in figures.legend] == ["aware"]
     assert (lines[0].x.tolist(), lines[0].y.tolist()) == ([10.0, 14.0], [0.0, 0.0])
@@ -366,13 +379,16 @@ def test_differences_are_drawn_from_a_line_of_none(
     assert marks.y == pytest.approx([-0.5, 1.5, -0.001])
 
 
-def judged_by(plan: StudyPlan, metric: str, **changes: Any) -> StudyPlan:
+def reporting(plan: StudyPlan, metric: str, **changes: Any) -> StudyPlan:
+    """The plan with another metric of its report, and other changes of its study."""
     file = plan.study.file
     file = file.model_copy(update={"report": file.report.model_copy(update={"metric": metric})})
     return replace(plan, study=replace(plan.study, file=file, **changes))
 
 
-def test_shares_of_realizations_are_those_of_their_point(plan: StudyPlan, drawn: Any) -> None:
+def test_each_point_has_a_panel_with_the_distribution_of_its_realizations(
+    plan: StudyPlan, drawn_panels: Any
+) -> None:
     rows = [
         {
             "point": point,
@@ -387,11 +403,11 @@ def test_shares_of_realizations_are_those_of_their_point(plan: StudyPlan, drawn:
         for realization in (2, 0, 1)
     ]
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
-    charts.over_realizations(judged_by(plan, "e_p_p95_m"), results)
-    assert [settings["title"] for _, settings in drawn] == [
+    charts.over_realizations(reporting(plan, "e_p_p95_m"), results)
+    assert [settings["title"] for _, settings in drawn_panels] == [
         f"follower 1's depth {d} m" for d in (10, 12, 14)
     ]
-    for point, (lines, _) in enumerate(drawn):
+    for point, (lines, _) in enumerate(drawn_panels):
         for line in lines:
             assert line.x.tolist() == [
                 10.0 * point + realization for realization in (0, 0, 1, 1, 2, 2)
@@ -399,7 +415,9 @@ def test_shares_of_realizations_are_those_of_their_point(plan: StudyPlan, drawn:
             assert line.y == pytest.approx([0, 1 / 3, 1 / 3, 2 / 3, 2 / 3, 1])
 
 
-def test_means_of_realizations_are_plotted_over_their_draws(plan: StudyPlan, drawn: Any) -> None:
+def test_means_of_realizations_are_plotted_over_their_draws(
+    plan: StudyPlan, drawn_panels: Any
+) -> None:
     rows = [
         {
             "point": point,
@@ -415,17 +433,16 @@ def test_means_of_realizations_are_plotted_over_their_draws(plan: StudyPlan, dra
         for realization in range(3)
     ]
     results = Results(rows=Results.of(rows, [(row, {}) for row in rows]).rows, runs={})
-    several: Any = SimpleNamespace(key="wind")
-    several = judged_by(plan, "e_p_p95_m", draws=(several,))
-    charts.over_draws(several, results, 1)
-    ((lines, settings),) = drawn
+    draw: Any = SimpleNamespace(key="wind")
+    charts.over_draws(reporting(plan, "e_p_p95_m", draws=(draw,)), results, 1)
+    ((lines, settings),) = drawn_panels
     assert (settings["x_label"], settings["y_label"]) == ("wind", "95th percentile of E_P [m]")
     assert [line.x.tolist() for line in lines] == [[5.0, 4.0, 3.0]] * 2
     assert [line.y.tolist() for line in lines] == [[10.0, 11.0, 12.0], [11.0, 12.0, 13.0]]
 
 
 def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: StudyPlan) -> None:
-    actual = [
+    records = [
         [
             {
                 "run": 0,
@@ -455,8 +472,8 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
             }
         ],
     ]
-    row, lists = _row_and_lists(plan.entries[0], 0, actual)
-    reported = {
+    row, run_arrays = _row_and_lists(plan.entries[0], 0, records)
+    expected = {
         "runs": 2,
         "seed": 1,
         "variant": "laisn-2",
@@ -471,23 +488,21 @@ def test_rows_of_closed_loops_are_extremes_roots_and_means_of_their_runs(plan: S
         "ended_runs": 1,
         "worst_run": 1,
     }
-    assert {name: row[name] for name in reported} == pytest.approx(reported)
-    assert lists["e_p_mean_m"] == [1.0, 3.0]
+    assert {name: row[name] for name in expected} == pytest.approx(expected)
+    assert run_arrays["e_p_mean_m"] == [1.0, 3.0]
 
 
 def test_numbers_without_limits_stand_alone() -> None:
     nan = float("nan")
-    given = Results.of([], []).estimate(Condition(0, "", ""), "e_p_mean_m")
-    assert interval_text(given) == "–"
-    assert interval_text(type(given)(-1.2345, nan, nan), "m") == "−1.23 m"
-    assert interval_text(type(given)(53124.6, nan, nan), "J") == "53,125 J"
-    assert interval_text(type(given)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
+    empty = Results.of([], []).estimate(Condition(0, "", ""), "e_p_mean_m")
+    assert interval_text(empty) == "–"
+    assert interval_text(type(empty)(-1.2345, nan, nan), "m") == "−1.23 m"
+    assert interval_text(type(empty)(53124.6, nan, nan), "J") == "53,125 J"
+    assert interval_text(type(empty)(1.2345, 0.5, 2.0), "m") == "1.23 m (0.500 to 2.00)"
 
 
 def test_maps_of_arms_have_one_scale() -> None:
-    """One arm has 10 where the depth is largest, the other half as much above 1, which both have
-    elsewhere.
-    """
+    """At the larger depth one arm has 10 and the other 5.5; elsewhere both have 1."""
     table = {"scenario": "T5", "vary": {"followers.0.depth_m": [10, 12], "leader.depth_m": [6, 8]}}
     plan = plan_of(
         study_from_table(table | {"arm": [{"name": "a"}, {"name": "b"}]}, "maps", "maps")
@@ -498,15 +513,15 @@ def test_maps_of_arms_have_one_scale() -> None:
             "arm": arm,
             "follower": "follower",
             "realization": 0,
-            "e_p_mean_m": most if point["followers.0.depth_m"] == 12 else 1.0,
+            "e_p_mean_m": error_at_12_m if point["followers.0.depth_m"] == 12 else 1.0,
         }
         for i, point in enumerate(plan.points)
-        for arm, most in (("a", 10.0), ("b", 5.5))
+        for arm, error_at_12_m in (("a", 10.0), ("b", 5.5))
     ]
     names = ("followers.0.depth_m", "leader.depth_m")
     maps: Any = charts.heat_maps(plan, Results.of(rows, [(row, {}) for row in rows]), names).panels
     first, second = (panel.parts[0].traces[0] for panel in maps)
-    assert [(one["zmin"], one["zmax"]) for one in (first, second)] == [(1.0, 10.0)] * 2
+    assert [(trace["zmin"], trace["zmax"]) for trace in (first, second)] == [(1.0, 10.0)] * 2
     assert (first["z"], second["z"]) == ([[1.0, 10.0]] * 2, [[1.0, 5.5]] * 2)
     assert first["text"] == [["1.00", "10.0"]] * 2
     assert first["hovertext"][1][0] == "follower 1's depth [m] 10<br>leader's depth [m] 8<br>1.00"
@@ -558,10 +573,10 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
     }
     plan = plan_of(study_from_table(table, "mine.toml", "mine"))
     assert len(plan.followers) > 1
-    places = [*itertools.product((0, 1), plan.arms, plan.followers)]
+    conditions = [*itertools.product((0, 1), plan.arms, plan.followers)]
     rows = [
-        {"point": p, "arm": arm, "follower": name, "realization": 0, "seed": 1}
-        for p, arm, name in places
+        {"point": point, "arm": arm, "follower": name, "realization": 0, "seed": 1}
+        for point, arm, name in conditions
     ]
     runs = [(row, {"run": [0, 1], "e_p_mean_m": [1.0 + i, 2.0 + i]}) for i, row in enumerate(rows)]
     page = page_of(plan, Results.of(rows, runs), {"lost\n\nat 3 s": plan.entries[:2]})
@@ -573,11 +588,11 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
         "Runs to look at",
     ]
     assert page.question == "## One | two? ## Three"
-    notice, _, answer = page.sections[0].blocks
+    notice, _, answer_table = page.sections[0].blocks
     assert isinstance(notice, Notice)
-    where = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
-    assert notice.text == f"lost at 3 s: 2 scenarios, the first at {where}"
-    assert isinstance(answer, PageTable)
-    assert [[cell.text for cell in row[:4]] for row in answer.rows] == [
-        [str(point), ("0.1", "0.3")[point], arm, follower] for point, arm, follower in places
+    first_scenario = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
+    assert notice.text == f"lost at 3 s: 2 scenarios, the first at {first_scenario}"
+    assert isinstance(answer_table, PageTable)
+    assert [[cell.text for cell in row[:4]] for row in answer_table.rows] == [
+        [str(point), ("0.1", "0.3")[point], arm, follower] for point, arm, follower in conditions
     ]

@@ -16,12 +16,13 @@ from laisn_sim.cli.main import app
 
 
 def engines(table: dict[str, Any], *, scenario: str = "T5") -> list[str]:
+    """Names of the solvers of a study with the keys of this table."""
     study = study_from_table({"scenario": scenario, "runs": 1} | table, "mine.toml", "mine")
     return engines_of(plan_of(study))
 
 
-def named(tmp_path: Path, engine: str) -> str:
-    """The file of a scenario that names its engine."""
+def scenario_file(tmp_path: Path, engine: str) -> str:
+    """Write the file of a scenario that names its engine; its path."""
     path = tmp_path / "mine.toml"
     path.write_text(f'[timing]\nengine = "{engine}"\n[[followers]]\nroute = "T5"\n', "utf-8")
     return str(path)
@@ -32,8 +33,8 @@ def test_missions_move_by_their_own_equations_unless_told_otherwise(tmp_path: Pa
     assert engines({"engine": "mujoco"}) == ["mujoco"]
     assert engines({"set": {"timing.engine": "mujoco"}}) == ["mujoco"]
     assert engines({"vary": {"timing.engine": ["mujoco", "direct"]}}) == ["direct", "mujoco"]
-    assert engines({}, scenario=named(tmp_path, "mujoco")) == ["mujoco"]
-    assert engines({"engine": "direct"}, scenario=named(tmp_path, "mujoco")) == ["direct"]
+    assert engines({}, scenario=scenario_file(tmp_path, "mujoco")) == ["mujoco"]
+    assert engines({"engine": "direct"}, scenario=scenario_file(tmp_path, "mujoco")) == ["direct"]
     assert engines({"set": {"motion": "kinematic"}}) == ["point motion"]
 
 

@@ -38,7 +38,7 @@ def test_few_realizations_have_the_interval_of_student():
     assert 2.0 - actual.low == pytest.approx(4.3027 / math.sqrt(3), rel=1e-4)
 
 
-def test_one_realization_gives_no_spread_between_realizations():
+def test_a_single_realization_has_no_interval():
     assert math.isnan(over_realizations(np.array([1.0])).low)
 
 
@@ -70,13 +70,13 @@ def test_an_outcome_absent_from_several_realizations_has_an_interval():
     assert over_runs([np.ones(5)] * 12, shares=True).low == pytest.approx(
         0.025 ** (1 / 12), rel=1e-9
     )
-    apart = over_runs([np.zeros(12)] * 12, shares=True, paired=True)
-    assert apart.low < 0.0 < apart.high
+    difference = over_runs([np.zeros(12)] * 12, shares=True, paired=True)
+    assert difference.low < 0.0 < difference.high
 
 
-def test_seas_of_one_run_each_have_the_limits_of_clopper_and_pearson():
-    """Of S such realizations, the means scatter like those of S − 1 runs: between scipy's limits
-    for 4 and 5 of 19.
+def test_realizations_of_one_run_each_have_about_the_limits_of_clopper_and_pearson():
+    """The means of 20 such realizations scatter as those of 19 runs: 5 of 20 have limits between
+    those of SciPy for 4 and for 5 of 19.
     """
     share = over_runs([np.array([float(i < 5)]) for i in range(20)], shares=True)
     low, high = (binomtest(k, 19).proportion_ci(method="exact") for k in (4, 5))
@@ -94,14 +94,20 @@ def test_shares_of_realizations_have_the_limits_of_the_effective_number_of_runs(
     actual = over_runs(
         [(np.arange(10) < count).astype(float) for count in (1, 2, 5, 2)], shares=True
     )
-    alike = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
+    effective_runs = 0.25 * 0.75 / (0.03 / 4) * (2.0227 / 3.1824) ** 2
     assert actual.value == 0.25
-    assert actual.low == pytest.approx(beta.ppf(0.025, 0.25 * alike, 0.75 * alike + 1), rel=1e-3)
-    assert actual.high == pytest.approx(beta.ppf(0.975, 0.25 * alike + 1, 0.75 * alike), rel=1e-3)
+    assert actual.low == pytest.approx(
+        beta.ppf(0.025, 0.25 * effective_runs, 0.75 * effective_runs + 1), rel=1e-3
+    )
+    assert actual.high == pytest.approx(
+        beta.ppf(0.975, 0.25 * effective_runs + 1, 0.75 * effective_runs), rel=1e-3
+    )
     # realizations that scatter less than single runs would do not make more of them
-    even = over_runs([(np.arange(10) < 2).astype(float)] * 4, shares=True)
+    equal_realizations = over_runs([(np.arange(10) < 2).astype(float)] * 4, shares=True)
     exact = binomtest(8, 40).proportion_ci(method="exact")
-    assert (even.low, even.high) == pytest.approx((exact.low, exact.high), rel=1e-9)
+    assert (equal_realizations.low, equal_realizations.high) == pytest.approx(
+        (exact.low, exact.high), rel=1e-9
+    )
 
 
 def test_shares_of_different_realizations_have_nominal_coverage():
@@ -119,21 +125,22 @@ def test_shares_of_different_realizations_have_nominal_coverage():
     assert hits / 400 > 0.93
 
 
-def test_seas_that_are_all_alike_do_not_bound_their_mean():
+def test_realizations_that_are_all_alike_have_no_interval():
     actual = over_realizations(np.full(30, 2.0))
     assert actual.value == 2.0
     assert math.isnan(actual.low)
 
 
 def results():
+    """60 runs of two arms, whose errors differ by 0.5 m, and scatter together by 1 m."""
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 1.0, 60)
     rows = [{"point": 0, "arm": arm, "follower": "f", "realization": 0} for arm in ("a", "b")]
-    lists = [
+    run_arrays = [
         {"e_p_mean_m": (10 + noise).tolist()},
         {"e_p_mean_m": (9.5 + noise + random.normal(0, 0.01, 60)).tolist()},
     ]
-    return Results.of(rows, [(row, own) for row, own in zip(rows, lists, strict=True)])
+    return Results.of(rows, [(row, arrays) for row, arrays in zip(rows, run_arrays, strict=True)])
 
 
 def test_differences_of_arms_are_paired_by_run():
@@ -141,8 +148,8 @@ def test_differences_of_arms_are_paired_by_run():
     actual = results().difference(Condition(0, "b", "f"), "a", "e_p_mean_m")
     assert actual.value == pytest.approx(-0.5, abs=0.01)
     assert actual.high - actual.low < 0.02
-    alone = results().estimate(Condition(0, "b", "f"), "e_p_mean_m")
-    assert alone.high - alone.low > 0.3
+    unpaired = results().estimate(Condition(0, "b", "f"), "e_p_mean_m")
+    assert unpaired.high - unpaired.low > 0.3
 
 
 def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
@@ -154,7 +161,7 @@ def test_a_thruster_at_rest_takes_the_power_of_momentum_theory():
     assert disc_power(np.array([0.01]), np.array([50.0]), 1026.0) == pytest.approx(0.5, rel=1e-4)
 
 
-def test_point_motion_keeps_its_place_and_depth():
+def test_point_motion_keeps_its_track_and_depth_and_has_no_energy():
     scenario = load_scenario("T3", ["motion=kinematic", "duration_s=30"])
     (facts,) = facts_of(MotionSettings.of(scenario), montecarlo.simulate_mission(scenario))
     assert facts["track_error_max_m"] < 1e-6
@@ -163,15 +170,17 @@ def test_point_motion_keeps_its_place_and_depth():
     assert facts["closest_approach_m"] <= math.hypot(facts["range_mean_m"], 2.0)
 
 
-def test_energy_is_mean_power_times_time_and_way_costs_it():
+def test_energy_is_mean_power_times_time_and_covers_the_work_against_the_water():
     scenario = load_scenario("T5", ["duration_s=40"])
     trajectory = montecarlo.simulate_mission(scenario)
     (facts,) = facts_of(MotionSettings.of(scenario), trajectory)
     assert facts["energy_j"] == pytest.approx(40 * facts["power_mean_w"])
     # no disc can push against the water for less than the work that it does there
-    through = np.linalg.norm(trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1)
+    speed_through_water = np.linalg.norm(
+        trajectory.velocity[:, 1] - trajectory.water_velocity[:, 1], axis=1
+    )
     assert facts["power_mean_w"] > 0.99 * float(
-        np.mean(np.abs(trajectory.effector_states[:, 1, 0]) * through)
+        np.mean(np.abs(trajectory.effector_states[:, 1, 0]) * speed_through_water)
     )
 
 
@@ -197,18 +206,18 @@ def test_facts_of_a_mission_are_those_of_its_motion():
     (facts,) = facts_of(MotionSettings.of(scenario), flown)
     time, area = flown.time, math.pi * DISC_DIAMETER_M**2 / 4
     # at rest a disc takes T^1.5 / √(2ρA)
-    still = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
+    root_of_density_and_area = math.sqrt(2 * scenario.ocean.density_kg_m3 * area)
     north, down = 40.0 + 0.03 * time, 0.01 * time
-    off = track_errors(MotionSettings.of(scenario), flown)[:, 0]
+    track_error = track_errors(MotionSettings.of(scenario), flown)[:, 0]
     # abeam, the fix is moved along the leader by Δz sin φ and keeps its distance
-    each, below = north[10::10], (depth + down - 9.0)[10::10]
-    along = below * math.sin(math.radians(5.0))
-    moved = np.hypot(along, each - np.sqrt(each**2 - along**2))
+    distance, depth_offset = north[10::10], (depth + down - 9.0)[10::10]
+    fix_shift_along = depth_offset * math.sin(math.radians(5.0))
+    fix_shift = np.hypot(fix_shift_along, distance - np.sqrt(distance**2 - fix_shift_along**2))
     assert facts == pytest.approx(
         {
-            "track_error_rms_m": math.sqrt(sum(off**2) / off.size),
-            "track_error_max_m": max(off),
-            "track_error_end_m": off[-1],
+            "track_error_rms_m": math.sqrt(sum(track_error**2) / track_error.size),
+            "track_error_max_m": max(track_error),
+            "track_error_end_m": track_error[-1],
             "cross_track_rms_m": math.sqrt(sum(north**2) / north.size),
             "cross_track_max_m": max(north),
             "closest_horizontal_m": 40.0,
@@ -219,22 +228,22 @@ def test_facts_of_a_mission_are_those_of_its_motion():
             "closest_approach_m": min(np.hypot(north, depth + down - 9.0)),
             "range_mean_m": 40.3,
             "depth_offset_rms_m": math.sqrt(sum((depth + down - 9.0) ** 2) / time.size),
-            "pitch_fix_error_m": sum(moved) / 20,
+            "pitch_fix_error_m": sum(fix_shift) / 20,
             "pitch_rms_deg": 0.0,
             "pitch_max_deg": 0.0,
-            "power_mean_w": 27.0 / still,
-            "energy_j": 20.0 * 27.0 / still,
+            "power_mean_w": 27.0 / root_of_density_and_area,
+            "energy_j": 20.0 * 27.0 / root_of_density_and_area,
             "leader_pitch_rms_deg": 5.0,
             "leader_pitch_max_deg": 5.0,
             "leader_depth_error_rms_m": 1.0,
-            "leader_power_mean_w": 64.0 / still,
-            "leader_energy_j": 20.0 * 64.0 / still,
+            "leader_power_mean_w": 64.0 / root_of_density_and_area,
+            "leader_energy_j": 20.0 * 64.0 / root_of_density_and_area,
         },
         abs=1e-9,
     )
 
 
-def test_nothing_is_compiled_for_stations_where_there_are_none(monkeypatch):
+def test_without_stations_none_are_computed(monkeypatch):
     monkeypatch.setattr(tracking, "stations_along", None)
     flown = straight.make_trajectory((0.0, 40.0, -10.0))
     assert track_errors(MotionSettings.of(straight.make_scenario()), flown).shape == (
@@ -282,31 +291,37 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
     """3 s of ten followers, with everything that is measured set by hand, follower by follower."""
     scenario = make_scenario(3.0, 10)
     trajectory = make_trajectory(scenario)
-    stations = [Station(behind_m=5.0, depth_m=10.0 + i // 2) for i in range(10)]
+    stations = [
+        Station(behind_m=5.0, depth_m=10.0 + follower_index // 2) for follower_index in range(10)
+    ]
     scenario = scenario.model_copy(
         update={
             "followers": tuple(
-                f.model_copy(update={"route": None, "station": station})
-                for f, station in zip(scenario.followers, stations, strict=True)
+                follower.model_copy(update={"route": None, "station": station})
+                for follower, station in zip(scenario.followers, stations, strict=True)
             )
         }
     )
-    n, each = trajectory.time.size, np.arange(1.0, 11.0)
+    instants, number = trajectory.time.size, np.arange(1.0, 11.0)
     thrust = np.zeros_like(trajectory.effector_states)
     # the leader's do not count
-    thrust[:, 0], thrust[:, 1:, 3] = 50.0, -each
+    thrust[:, 0], thrust[:, 1:, 3] = 50.0, -number
     trajectory = replace(trajectory, effector_states=thrust)
-    estimates = records(ESTIMATE, n, 10)
+    estimates = records(ESTIMATE, instants, 10)
     estimates.position[0] = 99.0
-    for i, name in enumerate(trajectory.names[1:]):
+    for follower_index, name in enumerate(trajectory.names[1:]):
         hydrophone = trajectory.site_path(f"{name}/hydrophone")[1:]
-        estimates.position[1:, i] = hydrophone[:, :2] + (i + 1) * np.array([0.3, -0.4])
+        estimates.position[1:, follower_index] = hydrophone[:, :2] + (
+            follower_index + 1
+        ) * np.array([0.3, -0.4])
     # on legs 0.1 to 1 m off, in the turn, the last 11 of 31 instants, up to 1.2 to 12 m
-    turning = np.arange(n) >= n - 11
-    far = np.where(turning[:, None], np.linspace(-2.4, 1.2, n)[:, None] * each, 0.1 * each)
-    frame = records(STATION_PLACE, n, 10)
-    frame.rate[turning] = -1.1e-3
-    frame.rate[~turning] = 0.9e-3
+    turning = np.arange(instants) >= instants - 11
+    distance = np.where(
+        turning[:, None], np.linspace(-2.4, 1.2, instants)[:, None] * number, 0.1 * number
+    )
+    true_places = records(STATION_PLACE, instants, 10)
+    true_places.rate[turning] = -1.1e-3
+    true_places.rate[~turning] = 0.9e-3
     loop = SimpleNamespace(
         state=SimpleNamespace(
             concluded=SimpleNamespace(state=np.moveaxis(estimates.position[1:], 0, 1))
@@ -314,31 +329,42 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
         gated=np.zeros(10, int),
     )
     monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
-    monkeypatch.setattr(measure, "track_errors", lambda *_: far)
-    monkeypatch.setattr(measure, "true_stations", lambda *_: frame)
+    monkeypatch.setattr(measure, "track_errors", lambda *_: distance)
+    monkeypatch.setattr(measure, "true_stations", lambda *_: true_places)
     run = pa.Table.from_pylist(records_of_run(scenario, 0)).to_pydict()
-    np.testing.assert_allclose(run["station_rms_m"], np.sqrt(np.mean(far**2, axis=0)))
+    np.testing.assert_allclose(run["station_rms_m"], np.sqrt(np.mean(distance**2, axis=0)))
     np.testing.assert_allclose(
         run["station_p95_m"],
-        [sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28]) for column in far.T],
+        [
+            sorted(column)[28] + 0.5 * (sorted(column)[29] - sorted(column)[28])
+            for column in distance.T
+        ],
     )
-    np.testing.assert_allclose(run["station_max_m"], far.max(axis=0))
-    np.testing.assert_allclose(run["station_turn_max_m"], far[turning].max(axis=0))
-    np.testing.assert_allclose(run["station_leg_rms_m"], 0.1 * each)
-    np.testing.assert_allclose(run["track_error_end_m"], far[-1])
-    assert run["lost"] == (far.max(axis=0) > 10.0).astype(float).tolist()
+    np.testing.assert_allclose(run["station_max_m"], distance.max(axis=0))
+    np.testing.assert_allclose(run["station_turn_max_m"], distance[turning].max(axis=0))
+    np.testing.assert_allclose(run["station_leg_rms_m"], 0.1 * number)
+    np.testing.assert_allclose(run["track_error_end_m"], distance[-1])
+    assert run["lost"] == (distance.max(axis=0) > 10.0).astype(float).tolist()
     assert 0 < sum(run["lost"]) < 10
-    np.testing.assert_allclose(run["e_p_mean_m"], 0.5 * each)
+    np.testing.assert_allclose(run["e_p_mean_m"], 0.5 * number)
     # discs at rest: T^1.5 / √(2ρA)
     area = np.pi * DISC_DIAMETER_M**2 / 4
-    np.testing.assert_allclose(run["power_mean_w"], each**1.5 / np.sqrt(2 * 1026.0 * area))
+    np.testing.assert_allclose(run["power_mean_w"], number**1.5 / np.sqrt(2 * 1026.0 * area))
     depths = [vehicle.held_depth_m for vehicle in (scenario.leader, *scenario.followers)]
-    for i in range(1, 11):
-        others = [j for j in range(11) if j != i]
-        apart = [
-            np.hypot(*(trajectory.position[:, i, :2] - trajectory.position[:, j, :2]).T).min()
-            for j in others
+    for vehicle in range(1, 11):
+        others = [other for other in range(11) if other != vehicle]
+        closest = [
+            np.hypot(
+                *(trajectory.position[:, vehicle, :2] - trajectory.position[:, other, :2]).T
+            ).min()
+            for other in others
         ]
-        assert run["closest_horizontal_m"][i - 1] == pytest.approx(min(apart))
-        level = [d for d, j in zip(apart, others, strict=True) if abs(depths[i] - depths[j]) < 1.0]
-        assert run["closest_in_layer_m"][i - 1] == (pytest.approx(min(level)) if level else None)
+        assert run["closest_horizontal_m"][vehicle - 1] == pytest.approx(min(closest))
+        in_layer = [
+            closest_to_other
+            for closest_to_other, other in zip(closest, others, strict=True)
+            if abs(depths[vehicle] - depths[other]) < 1.0
+        ]
+        assert run["closest_in_layer_m"][vehicle - 1] == (
+            pytest.approx(min(in_layer)) if in_layer else None
+        )

@@ -33,8 +33,9 @@ def plan() -> StudyPlan:
 
 
 def run_of(rms: float, *, lost: int = 0, turn: float = 3.0) -> list[Record]:
-    """Rows of ten followers, the first `lost` of them lost; distances from the stations are 1 to 1.9
-    times `rms` [m], rms, and at most `turn` [m] in a turn.
+    """Rows of ten followers, the first `lost` of them lost.
+
+    Their distances from stations are 1 to 1.9 times `rms` [m], in turns at most `turn` [m].
     """
     return [
         {

@@ -174,7 +174,7 @@ def test_findings_are_the_means_fractions_and_differences_of_the_cells(
         == 12
     )
     assert actual["cases tight factor-graph"].value == 12
-    # the 12 against the inverted USBL, one against the filter on ranges, with messages every second,
+    # the 12 against the inverted USBL, that against the filter on ranges with a message each second
     # and one with two transmitters
     assert actual["better-than tight"].value == 14
     assert actual["cases tight imm"].value == 15
