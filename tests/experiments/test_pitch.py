@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from experiments.pitch import PitchGeometry, _scale, pitch_page
 from laisn_sim.cli.main import app
 from tests.golden import require_golden
-from tests.reports.test_page import embedded
+from tests.reports.test_page import embedded_figures
 
 BASELINE, PITCH, DISTANCE, BELOW = 3.0, 12.0, 30.0, 15.0
 OPTIONS = ("--baseline", "3", "--pitch", "12", "--distance", "30", "--below", "15")
@@ -78,7 +78,7 @@ def test_the_map_has_the_error_at_every_pitch_and_bearing(
         assert float(row["error_m"]) == pytest.approx(expected, abs=1e-6)
         assert (row["on_axis"] == "True") == on_axis
     html = (folder / "page.html").read_text(encoding="utf-8")
-    chart, view_from_above, curve = embedded(html)
+    chart, view_from_above, curve = embedded_figures(html)
     (contours,) = (trace for trace in chart["data"] if trace["type"] == "contour")
     errors_drawn = np.array(contours["customdata"], dtype=float)
     errors_in_file = np.array([float(row["error_m"]) for row in rows]).reshape(errors_drawn.shape)

@@ -1,4 +1,4 @@
-"""Pages: whole, escaped and always the same; their tables, drawings, films and colours."""
+"""Pages: well formed, escaped and always the same; their tables, figures and colours."""
 
 import base64
 import json
@@ -36,8 +36,8 @@ from tests.reports.markup import require_well_formed
 
 def drawing(**settings):
     x = np.linspace(0, 100, 5000)
-    given = {"x_label": "time [s]", "y_label": "y [m]", "title": "T2 <&>"} | settings
-    return figures.panel([Line(x=x, y=np.sin(x), name="sine")], **given)
+    options = {"x_label": "time [s]", "y_label": "y [m]", "title": "T2 <&>"} | settings
+    return figures.panel([Line(x=x, y=np.sin(x), name="sine")], **options)
 
 
 def sample_page(**changes):
@@ -60,7 +60,7 @@ def sample_page(**changes):
     return Page(**(content | changes))
 
 
-def test_a_page_is_whole_escaped_and_always_the_same():
+def test_a_page_is_well_formed_escaped_and_always_the_same():
     html = page.render(sample_page())
     assert html == page.render(sample_page())
     checker = require_well_formed(html)
@@ -77,7 +77,7 @@ def test_the_template_draws_each_kind_of_block():
 
 
 def test_a_page_lists_its_software_versions():
-    """The packages' own words are the judge."""
+    """Against the versions that the packages state themselves."""
     [footer] = re.findall(r"<footer>(.*?)</footer>", page.render(sample_page()))
     packages = {"MuJoCo": mujoco, "NumPy": np, "SciPy": scipy, "Numba": numba}
     expected = [
@@ -87,7 +87,7 @@ def test_a_page_lists_its_software_versions():
     assert footer.startswith(f"Made with {', '.join(expected)}.")
 
 
-def embedded(html):
+def embedded_figures(html):
     """Figures of a page, as its script reads them."""
     (text,) = re.findall(
         r'<script type="application/octet-stream" id="figure-data">(.*?)</script>', html
@@ -99,8 +99,8 @@ def embedded(html):
     return figures_of_page
 
 
-def test_a_page_draws_its_figures_itself():
-    """Without a library of megabytes; what draws stands once, and on no page without figures."""
+def test_a_page_holds_the_script_that_draws_its_figures():
+    """Without a library of megabytes; the script stands once, and on no page without figures."""
     html = page.render(sample_page())
     assert "plotly.js" not in html
     assert html.count("class Drawing") == 1
@@ -126,7 +126,7 @@ def test_logarithmic_axes_of_many_decades_have_fewer_numbers(values, labels):
 
 
 def test_figures_are_valid_and_take_their_colours_from_the_page():
-    """Plotly's own schema is the judge."""
+    """Against Plotly's schema, and the variables of the page's style sheet."""
     line = Line(
         x=np.arange(3.0),
         y=np.arange(3.0),
@@ -134,23 +134,28 @@ def test_figures_are_valid_and_take_their_colours_from_the_page():
         interval=(np.zeros(3), np.full(3, 4.0)),
         text="end",
     )
-    part = figures.Subplot(
+    subplot = figures.Subplot(
         lines=[line, Line(x=np.arange(3.0), y=np.ones(3), dash=":")], y_label="E_P", shaded=[(0, 1)]
     )
     panel = figures.Panel(
-        parts=[part, part], x_label="D_front", title="a", x_log=True, x_limits=(1.0, None), link="a"
+        parts=[subplot, subplot],
+        x_label="D_front",
+        title="a",
+        x_log=True,
+        x_limits=(1.0, None),
+        link="a",
     )
     html = page.render(
         sample_page(sections=[PageSection(title="A", blocks=[Figures(panels=[drawing(), panel])])])
     )
     style_of = html.partition("<style>")[2].partition("</style>")[0]
-    first, second = embedded(html)
+    first, second = embedded_figures(html)
     assert (first, second) == (drawing().figure, panel.figure)
     for figure in (drawing(), panel):
         Figure(figures.light(figure.figure))
-        used = set(re.findall(r"var\((--[a-z0-9]+)\)", figure.json))
-        assert {"--ink", "--grid", "--frame", SERIES[0].variable} <= used
-        assert all(re.search(rf"{variable}:", style_of) for variable in used)
+        used_variables = set(re.findall(r"var\((--[a-z0-9]+)\)", figure.json))
+        assert {"--ink", "--grid", "--frame", SERIES[0].variable} <= used_variables
+        assert all(re.search(rf"{variable}:", style_of) for variable in used_variables)
     assert 'aria-label="T2 &lt;&amp;&gt;: y [m] over time [s]"' in html
     assert "T2 &lt;&amp;&gt;" in first["layout"]["title"]["text"]
     assert 'data-link="a"' in html
@@ -219,7 +224,7 @@ def test_every_kind_of_block_is_shown_and_another_one_refused():
     class Other(Text):
         kind = "other"
 
-    shown = page.render(sample_page())
+    html = page.render(sample_page())
     for element in (
         "<code>code &lt;b&gt;</code>",
         "<pre>a &lt; b</pre>",
@@ -227,20 +232,20 @@ def test_every_kind_of_block_is_shown_and_another_one_refused():
         "<table>",
         'class="plot"',
     ):
-        assert element in shown
+        assert element in html
     with pytest.raises(UndefinedError, match="kind_that_no_branch_draws"):
         page.render(sample_page(sections=[PageSection(title="A", blocks=[Other(text="lost")])]))
 
 
-@pytest.mark.parametrize(("count", "goes_by"), [(40, False), (41, True), (200, True)])
-def test_a_table_of_very_many_rows_goes_by_under_its_heads(count, goes_by):
+@pytest.mark.parametrize(("count", "scrolls"), [(40, False), (41, True), (200, True)])
+def test_a_table_of_very_many_rows_scrolls_under_its_heads(count, scrolls):
     """All rows are there; the page is not as long as them, and paper has them all."""
     table = PageTable(heads=["follower"], rows=[[TableCell(text=f"f{i}")] for i in range(count)])
-    shown = page.render(sample_page(sections=[PageSection(title="A", blocks=[table])]))
-    assert [f">f{i}</td>" in shown for i in range(count)] == [True] * count
-    assert ('<div class="scroll window"' in shown) is goes_by
-    assert ('<div class="scroll"' in shown) is not goes_by
-    on_paper = shown[shown.index("@media print") :]
+    html = page.render(sample_page(sections=[PageSection(title="A", blocks=[table])]))
+    assert [f">f{i}</td>" in html for i in range(count)] == [True] * count
+    assert ('<div class="scroll window"' in html) is scrolls
+    assert ('<div class="scroll"' in html) is not scrolls
+    on_paper = html[html.index("@media print") :]
     assert re.search(r"\.scroll, pre \{[^}]*max-height: none", on_paper)
 
 
@@ -253,7 +258,7 @@ def test_rows_must_fit_their_table():
     ("value", "text"),
     [(-0.004, "0.00"), (-0.006, "−0.01"), (-3, "−3"), (0, "0"), (1.005, "1.00"), (None, "–")],
 )
-def test_numbers_in_tables_have_a_minus_only_where_one_can_see_why(value, text):
+def test_numbers_in_tables_have_no_minus_where_they_are_rounded_to_zero(value, text):
     cell = page.number(value)
     assert cell.text == text
     assert cell.sort == (np.inf if value is None else value)
@@ -265,9 +270,13 @@ def test_numbers_stand_to_the_right_under_their_heads():
     assert '<th scope="col" class="n"><button type="button"><i>E</i><sub>P</sub> [m]' in html
 
 
-def test_panels_alike_make_a_grid_and_others_share_a_row():
-    one, wide = drawing(), drawing(width=8.0)
-    for panels, layout in (([one] * 3, "grid"), ([one] * 2, "row"), ([one, one, wide], "row")):
+def test_three_panels_of_one_width_make_a_grid_and_others_share_a_row():
+    narrow, wide = drawing(), drawing(width=8.0)
+    for panels, layout in (
+        ([narrow] * 3, "grid"),
+        ([narrow] * 2, "row"),
+        ([narrow, narrow, wide], "row"),
+    ):
         html = page.render(
             sample_page(sections=[PageSection(title="A", blocks=[Figures(panels=panels)])])
         )

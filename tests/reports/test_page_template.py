@@ -39,14 +39,18 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_question_stands_before_the_summary_that_answers_it(page: Any) -> None:
-    made = page("# Title\n\n> question: Does it\n> float?\n\nIt does.\n\n## Why\n\nBuoyancy.\n")
-    assert (made.title, made.question, made.summary) == ("Title", "Does it float?", "It does.")
+    rendered = page("# Title\n\n> question: Does it\n> float?\n\nIt does.\n\n## Why\n\nBuoyancy.\n")
+    assert (rendered.title, rendered.question, rendered.summary) == (
+        "Title",
+        "Does it float?",
+        "It does.",
+    )
     assert page("# Title\n\nIt does.\n").question == ""
 
 
 def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
     code = Code(text="laisn fly T5")
-    made = page(
+    rendered = page(
         '# Title\n\nOne\nline.\n\n## First section\n\nWith `code`,\nand {{ n("share", ".0% i") '
         "}}.\n\n"
         "> warning: Mind {{ what }}.\n\n## Last\n\n{{ code }}\n\n{% if more %}{{ more }}{% endif "
@@ -55,13 +59,17 @@ def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
         what="this",
         more=[Notice(text="one"), Notice(text="two")],
     )
-    assert (made.title, made.summary, made.facts) == ("Title", "One line.", [("seed", "1")])
-    assert [section.title for section in made.sections] == ["First section", "Last"]
-    assert made.sections[0].blocks == [
+    assert (rendered.title, rendered.summary, rendered.facts) == (
+        "Title",
+        "One line.",
+        [("seed", "1")],
+    )
+    assert [section.title for section in rendered.sections] == ["First section", "Last"]
+    assert rendered.sections[0].blocks == [
         Text(text="With `code`, and 25 % (20 to 30 %)."),
         Notice(text="Mind this.", tone="warning"),
     ]
-    assert made.sections[1].blocks == [
+    assert rendered.sections[1].blocks == [
         code,
         Notice(text="one"),
         Notice(text="two"),
@@ -71,7 +79,7 @@ def test_headings_paragraphs_and_blocks_stand_in_order(page: Any) -> None:
 
 def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
     coloured = TableCell(text="2.0", sort=2.0, tone="yes")
-    made = page(
+    rendered = page(
         "# T\n\nS.\n\n## A\n\n| | E_P [m] || of |\n| what | paper | ours | all "
         "|\n|---|---|---|---|\n"
         '{% for name in names %}\n| {{ name }} | 1,200 | {{ cell }} | {{ n("share", ".0% i") }} '
@@ -80,7 +88,7 @@ def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
         names=["T2"],
         cell=coloured,
     )
-    (table,) = made.sections[0].blocks
+    (table,) = rendered.sections[0].blocks
     share = TableCell(text="25 % (20 to 30 %)", sort=25.0)
     missing = TableCell(text="–", sort=float("inf"))
     assert table == PageTable(
@@ -97,14 +105,14 @@ def test_tables_are_rows_of_text_numbers_and_cells(page: Any) -> None:
 
 
 def test_a_block_takes_its_caption_from_the_template(page: Any) -> None:
-    made = page(
+    rendered = page(
         '# T\n\nS.\n\n## A\n\n{{ drawn | caption("All\nroutes.") }}\n',
         drawn=Figures(panels=["<svg>"]),
     )
-    assert made.sections[0].blocks == [Figures(panels=["<svg>"], caption="All routes.")]
+    assert rendered.sections[0].blocks == [Figures(panels=["<svg>"], caption="All routes.")]
 
 
-def test_what_is_missing_is_an_error(page: Any) -> None:
+def test_missing_values_findings_and_titles_are_errors(page: Any) -> None:
     with pytest.raises(jinja2.UndefinedError, match="table"):
         page("# T\n\nS.\n\n## A\n\n{{ table }}\n")
     with pytest.raises(LaisnError, match="no 'shore'"):

@@ -1,4 +1,6 @@
-"""Shares add up, and each is that of a closed form when it acts alone."""
+"""Shares that causes have in the error of a range: they add up, and each has a closed form when it
+acts alone.
+"""
 
 from dataclasses import replace
 
@@ -18,13 +20,18 @@ from sim.trajectory import Trajectory
 from tests.straight import make_scenario, make_trajectory
 from tests.synthetic import SITES, make_estimates, make_flight
 
-PITCH, DEPTH_OFFSET, HALF = np.deg2rad(5.0), 10.0, 1.0
+PITCH = np.deg2rad(5.0)
+DEPTH_OFFSET = 10.0
+"""Of the follower below the leader [m]."""
+HALF_BASELINE = 1.0
+"""Distance of the rear and of the front transmitter from the leader's origin [m]."""
 QUIET = SensorErrors(range_tau=(0.0, 0.0, 0.0), range_scale_mean=0.0, range_scale_sigma=0.0)
 
 
 def flight_of(
     scenario: Scenario, trajectory: Trajectory, errors: SensorErrors | None = None
 ) -> FlightRecord:
+    """A flight on this trajectory, with measurements of these errors or of the scenario's."""
     measured = measure(
         observe(trajectory, SensingSettings.of(scenario)),
         errors or errors_of(SensingSettings.of(scenario)),
@@ -40,6 +47,7 @@ def flight_of(
 
 
 def shares_alone(budget: RangeErrorBudget, cause: Cause) -> np.ndarray:
+    """Shares of a cause; those of all others must be zero."""
     others = np.delete(budget.share, cause, axis=2)
     assert_allclose(others, 0.0, atol=1e-9)
     return budget.share[..., cause]
@@ -48,16 +56,20 @@ def shares_alone(budget: RangeErrorBudget, cause: Cause) -> np.ndarray:
 def test_shares_add_up_to_the_error():
     flight = make_flight(60.0)
     budget = range_error_budget(flight)
-    arrived = np.isfinite(budget.used_range)
-    assert arrived.any()
-    assert not arrived.all()
-    assert_allclose(budget.share.sum(axis=2)[arrived], budget.error[arrived], rtol=0, atol=1e-9)
+    received = np.isfinite(budget.used_range)
+    assert received.any()
+    assert not received.all()
+    assert_allclose(budget.share.sum(axis=2)[received], budget.error[received], rtol=0, atol=1e-9)
     # the last number of the chain is the one the follower computes from its measurements
-    own = flight.measurements[0]
+    measured = flight.measurements[0]
     # its hydrophone sits higher than its depth sensor
-    dz = own.message[:, 5] - (own.depth[own.message_step - 1] - SITES["follower"]["hydrophone"][2])
+    dz = measured.message[:, 5] - (
+        measured.depth[measured.message_step - 1] - SITES["follower"]["hydrophone"][2]
+    )
     assert_allclose(
-        budget.used_range[arrived], np.sqrt(own.ranges**2 - dz[:, None] ** 2)[arrived], atol=1e-12
+        budget.used_range[received],
+        np.sqrt(measured.ranges**2 - dz[:, None] ** 2)[received],
+        atol=1e-12,
     )
 
 
@@ -101,7 +113,7 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
         ).range[..., 0]
     )
     # the front transmitter rises, away from a follower below: longer by Δz (L/2) sin φ / R
-    closed_form = DEPTH_OFFSET * HALF * np.sin(PITCH) / slant
+    closed_form = DEPTH_OFFSET * HALF_BASELINE * np.sin(PITCH) / slant
     assert_allclose(slant_error[:, 1], closed_form, rtol=0.02)
     assert_allclose(slant_error[:, 0], -closed_form, rtol=0.02)
     assert_allclose(
@@ -109,8 +121,10 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
     )
     assert_allclose(budget.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
     # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L
-    along = (budget.used_range[:, 0] ** 2 - budget.used_range[:, 1] ** 2) / (4 * HALF)
-    assert_allclose(np.abs(along), 0.87, rtol=0.02)
+    shift_along_hull = (budget.used_range[:, 0] ** 2 - budget.used_range[:, 1] ** 2) / (
+        4 * HALF_BASELINE
+    )
+    assert_allclose(np.abs(shift_along_hull), 0.87, rtol=0.02)
 
 
 def test_level_leader_without_errors_has_no_error():
@@ -153,32 +167,40 @@ def test_random_and_depth_errors_are_what_was_drawn():
     noisy = range_error_budget(flight_of(scenario, trajectory, SensorErrors()))
     assert_allclose(noisy.share.sum(axis=2), noisy.share[..., Cause.RANDOM], atol=1e-9)
     depths = {"depth_sigma": 0.1, "leader_depth_sigma": 0.2}
-    quiet = SensorErrors(range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths)
-    alone = shares_alone(range_error_budget(flight_of(scenario, trajectory, quiet)), Cause.DEPTH)
-    assert np.abs(alone).max() > 1e-3
-    own = measure(
+    depth_errors = SensorErrors(
+        range_tau=(0, 0, 0), range_scale_mean=0, range_scale_sigma=0, **depths
+    )
+    depth_shares = shares_alone(
+        range_error_budget(flight_of(scenario, trajectory, depth_errors)), Cause.DEPTH
+    )
+    assert np.abs(depth_shares).max() > 1e-3
+    measured = measure(
         observe(trajectory, SensingSettings.of(scenario)), SensorErrors(**depths), seed=1, run=0
     )
-    difference = own.message[:, 5] - own.depth[own.message_step - 1]
-    level = noisy.level_range
-    assert_allclose(alone, np.sqrt(level**2 + 3.0**2 - difference[:, None] ** 2) - level, atol=1e-9)
+    difference = measured.message[:, 5] - measured.depth[measured.message_step - 1]
+    level_range = noisy.level_range
+    assert_allclose(
+        depth_shares,
+        np.sqrt(level_range**2 + 3.0**2 - difference[:, None] ** 2) - level_range,
+        atol=1e-9,
+    )
 
 
 def test_a_file_holds_a_row_for_each_ping_received_and_its_shares_add_up(tmp_path):
     flight = make_flight(60.0, 2)
     rows = list(analyses.records(flight))
     assert len(rows) == sum(
-        int(np.isfinite(arrived.ranges).sum()) for arrived in flight.measurements
+        int(np.isfinite(measured.ranges).sum()) for measured in flight.measurements
     )
     for row in rows:
         shares = sum(row[f"{cause.name.lower()}_m"] for cause in Cause)
         assert row["level_range_m"] + shares == pytest.approx(row["used_range_m"], abs=1e-9)
-    arrived = flight.measurements[1]
+    measured = flight.measurements[1]
     front = [
         row for row in rows if row["follower"] == "follower2" and row["transmitter"] == "front"
     ]
-    received = arrived.message_step[np.isfinite(arrived.ranges[:, 1])]
-    assert_allclose([row["time_s"] for row in front], received * arrived.dt, atol=1e-9)
+    received = measured.message_step[np.isfinite(measured.ranges[:, 1])]
+    assert_allclose([row["time_s"] for row in front], received * measured.dt, atol=1e-9)
 
 
 def test_the_page_names_the_cause_of_the_asymmetry():
@@ -192,7 +214,9 @@ def test_the_page_names_the_cause_of_the_asymmetry():
         range_error_budget(flight_of(make_scenario(), trajectory, QUIET))
     )
     shown = {row[0].text: [cell.sort for cell in row[1:]] for row in table.rows}
-    expected = 100 * DEPTH_OFFSET * 2 * HALF * np.sin(PITCH) / np.hypot(20.0, HALF)
+    expected = (
+        100 * DEPTH_OFFSET * 2 * HALF_BASELINE * np.sin(PITCH) / np.hypot(20.0, HALF_BASELINE)
+    )
     rear, front, middle, rms, largest = shown.pop("lever arm")
     assert [rms, largest, rear + front] == pytest.approx([expected] * 3, rel=0.01)
     assert middle == pytest.approx(0.0, abs=1e-9)
@@ -206,17 +230,20 @@ def test_the_page_names_the_cause_of_the_asymmetry():
 
 def test_a_follower_without_receptions_has_no_budget():
     flight = make_flight(30.0)
-    deaf = replace(
+    without_ranges = replace(
         flight.measurements[0], ranges=np.full_like(flight.measurements[0].ranges, np.nan)
     )
-    actual = flight_report.range_budget(replace(flight, measurements=(deaf,)))
+    actual = flight_report.range_budget(replace(flight, measurements=(without_ranges,)))
     assert (actual["silent"], actual["figure"], actual["tables"]) == (["follower"], None, [])
-    assert list(analyses.records(replace(flight, measurements=(deaf,)))) == []
+    assert list(analyses.records(replace(flight, measurements=(without_ranges,)))) == []
 
 
-def test_a_stretch_of_a_flight_has_the_shares_that_the_whole_has_then():
+def test_an_excerpt_of_a_flight_has_the_shares_of_the_whole_flight_at_its_times():
     flight = make_flight(30.0, 2)
-    whole, part = range_error_budget(flight, 1), range_error_budget(excerpt(flight, 11.0, 23.0), 1)
-    then = (whole.time > 11.0 + 1e-9) & (whole.time < 23.0 + 1e-9)
-    assert np.array_equal(part.time, whole.time[then])
-    assert np.array_equal(part.share, whole.share[then], equal_nan=True)
+    of_flight, of_excerpt = (
+        range_error_budget(flight, 1),
+        range_error_budget(excerpt(flight, 11.0, 23.0), 1),
+    )
+    in_excerpt = (of_flight.time > 11.0 + 1e-9) & (of_flight.time < 23.0 + 1e-9)
+    assert np.array_equal(of_excerpt.time, of_flight.time[in_excerpt])
+    assert np.array_equal(of_excerpt.share, of_flight.share[in_excerpt], equal_nan=True)

@@ -17,31 +17,31 @@ from reports.replay_page import (
     write_replay_page,
 )
 
-N = 40
+STEPS = 40
 
 
-def vehicle(**changes: Any) -> Replayed:
+def replayed_vehicle(**changes: Any) -> Replayed:
     """East at 1 m/s for 40 s, a message every 10 s from a leader 30 m to the north; the estimate is
     3 m too far north.
 
     The covariance has standard deviations of 0.5 m (east) and 2 m (north).
     """
-    time = np.arange(1.0, N + 1.0)
+    time = np.arange(1.0, STEPS + 1.0)
     step = np.array([10, 20, 30, 40])
     leader = LeaderMessage(
         timestamp=0.0, east=0.0, north=30.0, heading=np.pi / 2, speed=1.0, depth=5.0
     )
     messages = np.tile(np.array(leader, dtype=np.float64), (4, 1))
     messages[:, 1] = step
-    state = np.column_stack([time, np.full(N, 3.0), np.ones(N), np.zeros(N)])
-    covariance = np.tile(np.diag([0.25, 4.0, 1.0, 1.0]), (N, 1, 1))
+    state = np.column_stack([time, np.full(STEPS, 3.0), np.ones(STEPS), np.zeros(STEPS)])
+    covariance = np.tile(np.diag([0.25, 4.0, 1.0, 1.0]), (STEPS, 1, 1))
     # 1 m to either side of the leader along its heading, which is east
     ranges = np.tile([np.hypot(30.0, 1.0), np.hypot(30.0, 1.0), np.nan], (4, 1))
     measurements = Measurements(
         dt=1.0,
-        speed=np.ones(N),
-        heading=np.full(N, np.pi / 2),
-        depth=np.full(N, 5.0),
+        speed=np.ones(STEPS),
+        heading=np.full(STEPS, np.pi / 2),
+        depth=np.full(STEPS, 5.0),
         message_step=step,
         message=messages,
         ranges=ranges,
@@ -56,8 +56,8 @@ def vehicle(**changes: Any) -> Replayed:
         innovation=np.tile([0.0, 2.0], (4, 1)),
         innovation_covariance=np.tile(np.diag([1.0, 4.0]), (4, 1, 1)),
     )
-    path = np.column_stack([time, time, np.zeros(N)])
-    given: dict[str, object] = {
+    path = np.column_stack([time, time, np.zeros(STEPS)])
+    fields: dict[str, object] = {
         "name": "auv",
         "measurements": measurements,
         "estimates": estimates,
@@ -65,18 +65,18 @@ def vehicle(**changes: Any) -> Replayed:
         "path": path,
         "mean_error": 3.0,
     }
-    return Replayed(**given | changes)  # type: ignore[arg-type]
+    return Replayed(**fields | changes)  # type: ignore[arg-type]
 
 
 def test_figures_are_those_of_the_vehicle() -> None:
-    one = vehicle()
-    assert one.sigma == pytest.approx(np.full(N, 2.0))
+    replayed = replayed_vehicle()
+    assert replayed.sigma == pytest.approx(np.full(STEPS, 2.0))
     # 2² / 4 over two quantities
-    assert one.nis == pytest.approx(np.full(4, 0.5))
+    assert replayed.nis == pytest.approx(np.full(4, 0.5))
     # the estimate is 27 m from the leader's middle, the true place 30 m
     residual = np.hypot(30.0, 1.0) - np.hypot(27.0, 1.0)
-    assert one.residuals[:, :2] == pytest.approx(np.full((4, 2), residual))
-    assert np.isnan(one.residuals[:, 2]).all()
+    assert replayed.residuals[:, :2] == pytest.approx(np.full((4, 2), residual))
+    assert np.isnan(replayed.residuals[:, 2]).all()
 
 
 def test_an_ellipse_has_the_axes_of_its_covariance() -> None:
@@ -85,13 +85,13 @@ def test_an_ellipse_has_the_axes_of_its_covariance() -> None:
     outline = ellipse(np.array([5.0, -2.0]), covariance) - [5.0, -2.0]
     distance = np.hypot(*outline.T)
     assert (distance.max(), distance.min()) == pytest.approx((6.0, 1.0), rel=1e-3)
-    along = outline[np.argmax(distance)]
-    assert abs(along @ rotation[:, 1]) < 0.2
+    farthest = outline[np.argmax(distance)]
+    assert abs(farthest @ rotation[:, 1]) < 0.2
 
 
 def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
     path = tmp_path / "page" / "report.html"
-    write_replay_page([vehicle()], Path("auv.mcap"), "laisn-2", ["a gap of 3 s"], path)
+    write_replay_page([replayed_vehicle()], Path("auv.mcap"), "laisn-2", ["a gap of 3 s"], path)
     text = path.read_text(encoding="utf-8")
     assert "auv: the 2σ position uncertainty is 4.00 m (median) and at most 4.00 m, at 1 s." in text
     assert "Its mean error is 3.00 m." in text
@@ -107,10 +107,10 @@ def test_the_page_names_uncertainty_error_and_remarks(tmp_path: Path) -> None:
 
 def test_curves_and_legend_name_each_transmitter_that_was_heard(tmp_path: Path) -> None:
     names = ["rear or first transmitter", "front or second transmitter"]
-    _, residuals, _ = _over_time(vehicle()).parts
+    _, residuals, _ = _over_time(replayed_vehicle()).parts
     assert [line.name for line in residuals.lines] == names
     path = tmp_path / "page.html"
-    write_replay_page([vehicle()], Path("log.mcap"), "tight", [], path)
+    write_replay_page([replayed_vehicle()], Path("log.mcap"), "tight", [], path)
     html = path.read_text(encoding="utf-8")
     assert re.findall("residual of the ([^<]*)<", html) == names
 
@@ -131,9 +131,9 @@ def test_the_nis_is_judged(value: float, judgement: str) -> None:
 
 
 def test_the_page_judges_the_nis_of_its_vehicles(tmp_path: Path) -> None:
-    """Innovations of 2 m with a variance of 4 m²: (0 + 1) / 2."""
+    """Innovations are 0 m east and 2 m north with variances of 1 and 4 m²: NIS is (0 + 1) / 2."""
     path = tmp_path / "page.html"
-    write_replay_page([vehicle()], Path("log.mcap"), "tight", [], path)
+    write_replay_page([replayed_vehicle()], Path("log.mcap"), "tight", [], path)
     html = path.read_text(encoding="utf-8")
     assert "Its mean NIS is 0.50 (1 expected): the filter is as sure as it should be." in html
     assert '<div class="tile good"><dt>NIS per quantity</dt><dd>0.50' in html

@@ -30,11 +30,11 @@ from sim import attitude
 from sim.film.film_data import FilmData
 from sim.flight import FlightRecord
 from tests import browser
-from tests.reports.test_replay_page import vehicle
+from tests.reports.test_replay_page import replayed_vehicle
 from tests.synthetic import make_flight, moved
 
 SCENE = Path(package.__file__).parent
-MILLIMETRE = 0.0005 + 1e-9
+HALF_MILLIMETRE = 0.0005 + 1e-9
 
 
 def inflated(text: str) -> bytes:
@@ -42,22 +42,22 @@ def inflated(text: str) -> bytes:
 
 
 def read_array(data: bytes, layout: dict[str, Any]) -> Floats:
-    """An array by the words of `Packer`: varints of zigzag differences, column by column."""
-    at = int(layout["at"])
+    """An array as `Packer` documents it: varints of zigzag differences, column by column."""
+    offset = int(layout["at"])
     columns = []
     for _ in range(int(layout["columns"])):
-        whole = []
+        integers = []
         for _ in range(int(layout["rows"])):
             code = shift = 0
             while True:
-                byte = data[at]
-                at += 1
+                byte = data[offset]
+                offset += 1
                 code |= (byte & 0x7F) << shift
                 shift += 7
                 if byte < 0x80:
                     break
-            whole.append(-((code + 1) // 2) if code % 2 else code // 2)
-        column = np.array(whole, dtype=np.int64)
+            integers.append(-((code + 1) // 2) if code % 2 else code // 2)
+        column = np.array(integers, dtype=np.int64)
         for _ in range(int(layout["order"])):
             column = np.cumsum(column)
         columns.append(column * layout["unit"])
@@ -96,7 +96,7 @@ def test_an_array_that_is_not_finite_is_refused() -> None:
         Packer().add("gaps", [0.0, np.nan])
 
 
-def test_the_scene_holds_where_everything_is() -> None:
+def test_the_scene_holds_poses_estimates_and_sites() -> None:
     flight = make_flight(20.0)
     scene = scene_of_flight(flight)
     meta, array = scene.meta, arrays_of(scene)
@@ -105,19 +105,22 @@ def test_the_scene_holds_where_everything_is() -> None:
     assert meta["hz"] == pytest.approx(5.0)
     assert time[-1] == pytest.approx(truth.time[-1])
     position, quaternion = truth.at(time)
-    assert np.abs(array["position"].reshape(position.shape) - position).max() <= MILLIMETRE
+    assert np.abs(array["position"].reshape(position.shape) - position).max() <= HALF_MILLIMETRE
     # an attitude is that of the quaternion with the other sign too
     packed = array["quaternion"].reshape(quaternion.shape)
     ahead = np.array([1.0, 0.0, 0.0])
-    off = attitude.rotate(packed, ahead) - attitude.rotate(quaternion, ahead)
-    assert np.abs(off).max() < 1e-3
+    difference = attitude.rotate(packed, ahead) - attitude.rotate(quaternion, ahead)
+    assert np.abs(difference).max() < 1e-3
     assert np.einsum("nvi,nvi->nv", packed[1:], packed[:-1]).min() > 0
     steps = truth.time[flight.step_index()]
     state = flight.estimates[0].state
     east = np.interp(time, steps, state[:, 0])
-    assert np.abs(array["estimate"][1:, 0] - east[1:]).max() <= MILLIMETRE
+    assert np.abs(array["estimate"][1:, 0] - east[1:]).max() <= HALF_MILLIMETRE
     assert meta["known"] == [pytest.approx(steps[0])]
-    assert [vehicle["role"] for vehicle in meta["vehicles"]] == ["leader", "follower"]
+    assert [vehicle["role"] for vehicle in meta["vehicles"]] == [
+        "leader",
+        "follower",
+    ]
     assert meta["vehicles"][0]["transmitters"][0] == [-1.0, 0.0, 0.0]
     assert meta["vehicles"][1]["hydrophone"] == [0.0, 0.0, 0.1]
 
@@ -139,13 +142,13 @@ def test_messages_keep_their_time_range_and_kind() -> None:
 
 def test_lost_and_rejected_messages_stand_on_the_time_line() -> None:
     flight = make_flight(20.0)
-    (actual,) = flight.estimates
-    kinds = np.full(actual.fix_kind.size, FixKind.TWO_POINTS)
+    (estimates,) = flight.estimates
+    kinds = np.full(estimates.fix_kind.size, FixKind.TWO_POINTS)
     kinds[[2, 5]] = [FixKind.GATED, FixKind.LOST]
     changed = dataclasses.replace(
-        flight, estimates=(dataclasses.replace(actual, fix_kind=kinds.astype(np.int64)),)
+        flight, estimates=(dataclasses.replace(estimates, fix_kind=kinds.astype(np.int64)),)
     )
-    times = flight.trajectory.time[0] + actual.fix_step[[2, 5]] * flight.measurements[0].dt
+    times = flight.trajectory.time[0] + estimates.fix_step[[2, 5]] * flight.measurements[0].dt
     assert scene_of_flight(changed).meta["messagesRefused"] == [
         [pytest.approx(times[0], abs=0.06), "gate", 0],
         [pytest.approx(times[1], abs=0.06), "loss", 0],
@@ -166,17 +169,20 @@ def test_a_turn_begins_where_the_leader_leaves_its_course() -> None:
 
 def test_a_measured_log_shows_the_leader_as_broadcast_and_the_surveyed_path() -> None:
     """The leader is 30 m north of the path, which runs east at 1 m/s; the estimate is 3 m off."""
-    replayed = vehicle()
+    replayed = replayed_vehicle()
     scene = scene_of_measured("log", [measured_of(replayed)])
     array = arrays_of(scene)
     time = scene.meta["start"] + np.arange(len(array["position"])) / scene.meta["hz"]
     leader, follower = np.moveaxis(array["position"].reshape(-1, 2, 3), 1, 0)
-    known = (time >= 10.0) & (time <= 40.0)  # from the first to the last message
+    between_messages = (time >= 10.0) & (time <= 40.0)  # from the first to the last message
     expected = np.column_stack([time, np.full_like(time, 30.0), np.full_like(time, -5.0)])
-    assert np.abs(leader - expected)[known].max() <= MILLIMETRE
+    assert np.abs(leader - expected)[between_messages].max() <= HALF_MILLIMETRE
     expected[:, 1] = 0.0
-    assert np.abs(follower - expected)[known].max() <= MILLIMETRE
-    assert np.abs(array["estimate"] - [[0.0, 3.0]] - expected[:, :2] * [1, 0])[known].max() < 0.001
+    assert np.abs(follower - expected)[between_messages].max() <= HALF_MILLIMETRE
+    assert (
+        np.abs(array["estimate"] - [[0.0, 3.0]] - expected[:, :2] * [1, 0])[between_messages].max()
+        < 0.001
+    )
     assert scene.meta["truth"]
     assert scene.meta["beacons"] == []
     assert scene.meta["vehicles"][0]["transmitters"] == [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
@@ -184,16 +190,16 @@ def test_a_measured_log_shows_the_leader_as_broadcast_and_the_surveyed_path() ->
     assert array["major"].max() == pytest.approx(2.0, abs=0.001)
     assert array["minor"].max() == pytest.approx(0.5, abs=0.001)
     # without a surveyed path hulls are where they are estimated
-    alone = scene_of_measured("log", [measured_of(vehicle(path=None))])
-    assert not alone.meta["truth"]
-    place = arrays_of(alone)["position"].reshape(-1, 2, 3)[known, 1, 1]
-    assert place == pytest.approx(np.full(place.size, 3.0), abs=MILLIMETRE)
+    without_path = scene_of_measured("log", [measured_of(replayed_vehicle(path=None))])
+    assert not without_path.meta["truth"]
+    north = arrays_of(without_path)["position"].reshape(-1, 2, 3)[between_messages, 1, 1]
+    assert north == pytest.approx(np.full(north.size, 3.0), abs=HALF_MILLIMETRE)
 
 
 def test_a_leader_is_shown_by_the_first_vehicle_that_heard_of_it() -> None:
     """A vehicle without messages stands before the one that has them all."""
-    heard = vehicle()
-    silent = vehicle(
+    heard = replayed_vehicle()
+    silent = replayed_vehicle(
         measurements=dataclasses.replace(
             heard.measurements,
             message_step=np.empty(0, dtype=np.int64),
@@ -223,11 +229,11 @@ def test_a_leader_is_shown_by_the_first_vehicle_that_heard_of_it() -> None:
 
 
 def test_fixed_transmitters_take_the_place_of_a_leader() -> None:
-    replayed = vehicle()
-    places = np.full((4, 3, 3), np.nan)
-    places[:, 0], places[2:, 1] = [1.0, 2.0, 3.0], [10.0, 20.0, 30.0]
-    measurements = dataclasses.replace(replayed.measurements, transmitters=places)
-    scene = scene_of_measured("log", [measured_of(vehicle(measurements=measurements))])
+    replayed = replayed_vehicle()
+    transmitters = np.full((4, 3, 3), np.nan)
+    transmitters[:, 0], transmitters[2:, 1] = [1.0, 2.0, 3.0], [10.0, 20.0, 30.0]
+    measurements = dataclasses.replace(replayed.measurements, transmitters=transmitters)
+    scene = scene_of_measured("log", [measured_of(replayed_vehicle(measurements=measurements))])
     assert scene.meta["beacons"] == [[1.0, 2.0, -3.0], [10.0, 20.0, -30.0]]
     assert [one["role"] for one in scene.meta["vehicles"]] == ["follower"]
     assert arrays_of(scene)["source0"].tolist() == [[1, 0, 0], [1, 0, 0], [1, 2, 0], [1, 2, 0]]
@@ -288,17 +294,17 @@ def test_the_page_has_the_scene_once_with_its_licence() -> None:
     assert "Permission is hereby granted" in html
     (text,) = re.findall(r'<script type="application/json" id="scene-meta">(.*?)</script>', html)
     assert json.loads(text)["vehicles"][0]["name"] == "leader"
-    two = dataclasses.replace(
+    page_with_two = dataclasses.replace(
         page_of(scene), sections=[PageSection(title="again", blocks=[Replay(scene=scene)])]
     )
     with pytest.raises(ValueError, match="2 missions in 3D"):
-        render(two)
+        render(page_with_two)
 
 
 # ---------------------------------------------------------------------------------------- browser
 
 in_browser = pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
-CHANGED = """(() => {
+SHARE_OF_CHANGED_PIXELS = """(() => {
   const view = replay.view;
   view.draw(performance.now(), { turned: 0, speed: 1, sea: 0, busy: true });
   const gl = view.renderer.getContext();
@@ -349,8 +355,8 @@ def test_the_page_asks_for_nothing_but_itself(tab: browser.Page, report: Path) -
 
 @in_browser
 def test_a_click_on_play_moves_the_hulls(tab: browser.Page) -> None:
-    tab.run(CHANGED)
-    assert tab.run(CHANGED) < 1e-3  # at rest
+    tab.run(SHARE_OF_CHANGED_PIXELS)
+    assert tab.run(SHARE_OF_CHANGED_PIXELS) < 1e-3  # at rest
     before = tab.run(LEADER_EAST)
     left, top, width, height = tab.box("#scene-play")
     tab.click(left + width / 2, top + height / 2)
@@ -359,7 +365,7 @@ def test_a_click_on_play_moves_the_hulls(tab: browser.Page) -> None:
     tab.click(left + width / 2, top + height / 2)
     tab.wait("!replay.state.playing")
     assert tab.run(LEADER_EAST) > before + 2.0
-    assert tab.run(CHANGED) > 0.005
+    assert tab.run(SHARE_OF_CHANGED_PIXELS) > 0.005
 
 
 @in_browser
@@ -369,7 +375,7 @@ def test_the_slider_sets_the_time(tab: browser.Page) -> None:
     tab.wait("Math.abs(replay.state.time - 30) < 1")
     tab.wait("document.getElementById('scene-clock').textContent.startsWith('0:')")
     expected = make_flight(60.0).trajectory.at(np.array([tab.run("replay.state.time")]))[0][0, 0]
-    tab.run(CHANGED)
+    tab.run(SHARE_OF_CHANGED_PIXELS)
     assert tab.run(LEADER_EAST) == pytest.approx(expected[0], abs=0.02)
 
 
@@ -383,9 +389,9 @@ def test_a_click_in_a_curve_moves_the_scene_and_the_scene_its_cursor(tab: browse
     tab.click(left + tab.run(f"{over_time}.x.at(40)"), top + 0.3 * height)
     tab.wait("Math.abs(replay.state.time - 40) < 0.2")
     tab.run("replay.setTime(20)")
-    at = f"new DOMMatrix(getComputedStyle({over_time}.cursor).transform).e"
+    cursor_x = f"new DOMMatrix(getComputedStyle({over_time}.cursor).transform).e"
     tab.command("Input.dispatchMouseEvent", type="mouseMoved", x=2, y=2)
-    tab.wait(f"Math.abs({at} - {over_time}.x.at(20)) < 1")
+    tab.wait(f"Math.abs({cursor_x} - {over_time}.x.at(20)) < 1")
     tab.run("window.scrollTo(0, 0)")
 
 
@@ -404,11 +410,11 @@ def test_a_link_opens_its_camera_and_time(tab: browser.Page, report: Path) -> No
 def test_a_camera_is_copied_as_options_of_render(tab: browser.Page) -> None:
     flight = make_flight(60.0)
     state = FilmData(flight, 30.0, 0).at(tab.run("replay.setTime(20) || replay.state.time"))
-    tab.run(CHANGED)  # draws
+    tab.run(SHARE_OF_CHANGED_PIXELS)  # draws
     for follow in (1, -1):
         tab.run(f"replay.follow({follow})")
         tab.wait("!replay.view.cameras.busy")
-        tab.run(CHANGED)
+        tab.run(SHARE_OF_CHANGED_PIXELS)
         options = shlex.split(tab.run("replay.options()"))
         assert options[1:] == ["--still", "20.0"]
         camera = camera_of(options[0].removeprefix("--view="), flight.trajectory.names)

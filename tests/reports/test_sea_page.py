@@ -7,17 +7,17 @@ import pytest
 from typer.testing import CliRunner
 
 from laisn_sim.cli.main import app
-from tests.reports.test_page import embedded
+from tests.reports.test_page import embedded_figures
 from tests.sim.water.field_data import gyre_velocity, metres_field, scenario_file
 
 
 def curves(figure, name):
     """Points of the lines of a name, shape (n, 2), NaN between them."""
-    chosen = [line for line in figure["data"] if f">{name}<" in line.get("hovertemplate", "")]
-    assert chosen, name
+    lines = [line for line in figure["data"] if f">{name}<" in line.get("hovertemplate", "")]
+    assert lines, name
     points = [
         np.array([line["x"], line["y"]], dtype=float).T  # None becomes NaN
-        for line in chosen
+        for line in lines
     ]
     return np.vstack(points)
 
@@ -30,19 +30,19 @@ def test_arrows_are_the_current_and_curves_the_plans(tmp_path: Path) -> None:
     assert f"page in {out}" in result.stdout
     html = out.read_text(encoding="utf-8")
     assert "gyre.nc: u, v on" in html
-    chart, section, along, profile, sound = embedded(html)
-    # place, tip, barb, tip, barb, gap
+    chart, section, current_over_time, profile, sound = embedded_figures(html)
+    # start, tip, barb, tip, barb, gap
     arrows = curves(chart, "current").reshape(-1, 6, 2)
-    place, way = arrows[:, 0], arrows[:, 1] - arrows[:, 0]
-    u, v = gyre_velocity(*place.T, 0.0)
+    start, arrow = arrows[:, 0], arrows[:, 1] - arrows[:, 0]
+    u, v = gyre_velocity(*start.T, 0.0)
     # at the leader's 8 m, of 40 m in which it falls to half
     expected = 0.9 * np.column_stack([u, v])
-    scale = np.hypot(*way.T).max() / np.hypot(*expected.T).max()
-    np.testing.assert_allclose(way, scale * expected, atol=0.02 * np.hypot(*way.T).max())
+    scale = np.hypot(*arrow.T).max() / np.hypot(*expected.T).max()
+    np.testing.assert_allclose(arrow, scale * expected, atol=0.02 * np.hypot(*arrow.T).max())
     np.testing.assert_array_equal(curves(chart, "leader")[0], [0.0, 0.0])
     np.testing.assert_allclose(curves(section, "leader")[:, 1], -8.0)
     np.testing.assert_allclose(curves(section, "floor below leader")[:, 1], -30.0)
-    times, speeds = curves(along, "leader").T
+    times, speeds = curves(current_over_time, "leader").T
     assert times[-1] == 60.0
     u, v = gyre_velocity(np.zeros(1), np.zeros(1), 0.0)
     assert speeds[0] == pytest.approx(0.9 * float(np.hypot(u, v)[0]), abs=5e-4)
@@ -50,7 +50,7 @@ def test_arrows_are_the_current_and_curves_the_plans(tmp_path: Path) -> None:
     np.testing.assert_array_equal(curves(sound, "sound")[:, 0], 1500.0)
 
 
-def test_a_sea_of_keys_has_a_page(tmp_path: Path) -> None:
+def test_a_sea_without_files_has_a_page(tmp_path: Path) -> None:
     out = tmp_path / "sea.html"
     result = CliRunner().invoke(app, ["sea", "swarm", "--out", str(out)])
     assert result.exit_code == 0, result.output

@@ -25,10 +25,10 @@ def flight() -> FlightRecord:
     return make_flight(30.0, 2)
 
 
-def turned(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
+def bearing_error_deg(estimate: Floats, truth: Floats, leader: Floats) -> Floats:
     """Angle at the leader between estimate and truth [°], by complex numbers."""
-    seen, true = ((at - leader) @ np.array([1j, 1.0]) for at in (estimate, truth))
-    return np.abs(np.rad2deg(np.angle(seen / true)))
+    to_estimate, to_truth = ((point - leader) @ np.array([1j, 1.0]) for point in (estimate, truth))
+    return np.abs(np.rad2deg(np.angle(to_estimate / to_truth)))
 
 
 def figures(position: Floats, bearing: Floats) -> dict[str, float]:
@@ -47,19 +47,19 @@ def test_the_summary_has_the_errors_of_each_follower_and_of_all(flight: FlightRe
     leader = flight.trajectory.position[flight.step_index(), 0, :2]
     pairs = [(e.state[:, :2], flight.hydrophone(i)[:, :2]) for i, e in enumerate(flight.estimates)]
     position = [np.linalg.norm(actual - truth, axis=1) for actual, truth in pairs]
-    bearing = [turned(actual, truth, leader) for actual, truth in pairs]
-    whole = figures(np.concatenate(position), np.concatenate(bearing))
-    assert {name: summary[name] for name in whole} == pytest.approx(whole)
+    bearing = [bearing_error_deg(actual, truth, leader) for actual, truth in pairs]
+    of_all = figures(np.concatenate(position), np.concatenate(bearing))
+    assert {name: summary[name] for name in of_all} == pytest.approx(of_all)
     assert (summary["seed"], summary["run"], summary["flown_s"]) == (1, 0, pytest.approx(30.0))
     routes = routes_of(MissionPlan.of(flight.scenario))
     for i, name in enumerate(("follower1", "follower2")):
         row = summary["followers"][name]
-        own = figures(position[i], bearing[i])
-        assert {key: row[key] for key in own} == pytest.approx(own)
-        off = track_error(
+        expected = figures(position[i], bearing[i])
+        assert {key: row[key] for key in expected} == pytest.approx(expected)
+        off_route = track_error(
             routes[i + 1], flight.trajectory.time, flight.trajectory.position[:, i + 1, :2]
         )
-        assert row["track_error_rms_m"] == pytest.approx(np.sqrt(np.mean(off**2)))
+        assert row["track_error_rms_m"] == pytest.approx(np.sqrt(np.mean(off_route**2)))
         kinds = Counter(
             FixKind(kind).name.lower() for kind in flight.estimates[i].fix_kind.tolist()
         )
@@ -80,22 +80,22 @@ def test_a_notebook_shows_mean_and_largest_error_of_each_follower(flight: Flight
 
 def test_the_summary_names_those_that_came_nearest(flight: FlightRecord) -> None:
     summary, trajectory = summarise(flight), flight.trajectory
-    for axes, what in ((3, "approach"), (2, "horizontal")):
-        apart = {
+    for axes, kind in ((3, "approach"), (2, "horizontal")):
+        distance = {
             (i, j): np.linalg.norm(
                 trajectory.position[:, i, :axes] - trajectory.position[:, j, :axes], axis=1
             )
             for i, j in combinations(range(3), 2)
         }
-        pair = min(apart, key=lambda two: apart[two].min())
-        assert summary[f"closest_{what}_m"] == pytest.approx(apart[pair].min())
-        assert sorted(summary[f"closest_{what}_pair"]) == sorted(trajectory.names[i] for i in pair)
-        assert summary[f"closest_{what}_s"] == pytest.approx(
-            trajectory.time[apart[pair].argmin()], abs=0.11
+        pair = min(distance, key=lambda p: distance[p].min())
+        assert summary[f"closest_{kind}_m"] == pytest.approx(distance[pair].min())
+        assert sorted(summary[f"closest_{kind}_pair"]) == sorted(trajectory.names[i] for i in pair)
+        assert summary[f"closest_{kind}_s"] == pytest.approx(
+            trajectory.time[distance[pair].argmin()], abs=0.11
         )
 
 
-def test_captures_are_reported_at_start_and_end(flight: FlightRecord) -> None:
+def test_mirror_locks_are_reported_at_start_and_end(flight: FlightRecord) -> None:
     """The second follower's estimate is mirrored in the leader's axis from 10 s to 15 s, and
     from 28 s on.
     """
@@ -108,8 +108,8 @@ def test_captures_are_reported_at_start_and_end(flight: FlightRecord) -> None:
     mirrored = ((time > 9.95) & (time < 14.95)) | (time > 27.95)
     state = actual.state.copy()
     state[:, :2] = truth - np.where(mirrored, 2 * side, 0.0)[:, None] * starboard
-    caught = replace(flight, estimates=(flight.estimates[0], replace(actual, state=state)))
-    events = mirror_lock_events(caught)
+    mirror_locked = replace(flight, estimates=(flight.estimates[0], replace(actual, state=state)))
+    events = mirror_lock_events(mirror_locked)
     assert [event.time_s for event in events] == pytest.approx([10.0, 15.0, 28.0])
     assert [event.level for event in events] == ["warning", "info", "warning"]
     assert [event.text for event in events][1] == "mirror lock ends"

@@ -1,4 +1,4 @@
-"""Hulls that touch, stations that are too near: by geometry."""
+"""Events of a flight, by geometry: hulls that touch, stations that are too near, avoidance."""
 
 from dataclasses import replace
 
@@ -37,15 +37,15 @@ def test_vehicles_that_meet_on_their_routes_touch_once() -> None:
     assert event.text == "follower-2 and follower-1 touch"
 
 
-def test_an_ellipse_is_as_wide_as_its_larger_half_axis() -> None:
+def test_the_largest_sigma_is_the_larger_half_axis_of_the_ellipse() -> None:
     rotation = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     covariance = rotation @ np.diag([9.0, 4.0]) @ rotation.T
     assert largest_sigma(covariance[None]) == pytest.approx([3.0])
 
 
-@pytest.mark.parametrize(("apart", "near"), [(8.4, True), (8.6, False)])
+@pytest.mark.parametrize(("separation", "reported"), [(8.4, True), (8.6, False)])
 def test_stations_are_near_within_three_sigma_of_both(
-    apart: float, near: bool, monkeypatch: pytest.MonkeyPatch
+    separation: float, reported: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both have σ = 2 m, so that 3 √(2² + 2²) = 8.49 m."""
     flight = make_flight(10.0, 2)
@@ -56,16 +56,16 @@ def test_stations_are_near_within_three_sigma_of_both(
         ],
     }
     covariance = np.tile(4.0 * np.eye(4), (100, 1, 1))
-    known = replace(
+    changed = replace(
         flight,
         scenario=validate(table, "test"),
         estimates=tuple(replace(e, covariance=covariance) for e in flight.estimates),
     )
     places = records(STATION_PLACE, flight.trajectory.time.size, 2)
-    places.east[:, 1] = apart
+    places.east[:, 1] = separation
     monkeypatch.setattr(flight_events.tracking, "true_stations", lambda *_: places)
-    assert [event.time_s for event in uncertainty_events(known)] == (
-        [pytest.approx(0.1)] if near else []
+    assert [event.time_s for event in uncertainty_events(changed)] == (
+        [pytest.approx(0.1)] if reported else []
     )
 
 
@@ -89,8 +89,10 @@ def test_of_many_stations_those_within_three_sigma_of_any_axis_are_reported(
     ]
     places = records(STATION_PLACE, flight.trajectory.time.size, count)
     steps = flight.step_index()
-    for values in (places.east, places.north):
-        values[:] = rng.uniform(0.0, 60.0, count) + np.cumsum(rng.normal(0.0, 0.4, values.shape), 0)
+    for coordinate in (places.east, places.north):
+        coordinate[:] = rng.uniform(0.0, 60.0, count) + np.cumsum(
+            rng.normal(0.0, 0.4, coordinate.shape), 0
+        )
     monkeypatch.setattr(flight_events.tracking, "true_stations", lambda *_: places)
     expected = {}
     for i in range(count):
@@ -98,7 +100,8 @@ def test_of_many_stations_those_within_three_sigma_of_any_axis_are_reported(
             summed = covariances[i, :, :2, :2] + covariances[j, :, :2, :2]
             axis = np.sqrt(np.linalg.eigvalsh(summed)[:, -1])
             east, north = (
-                values[steps, i] - values[steps, j] for values in (places.east, places.north)
+                coordinate[steps, i] - coordinate[steps, j]
+                for coordinate in (places.east, places.north)
             )
             near = np.flatnonzero(np.sqrt(east**2 + north**2) < 3.0 * axis)
             if near.size:
@@ -106,8 +109,8 @@ def test_of_many_stations_those_within_three_sigma_of_any_axis_are_reported(
     assert 3 < len(expected) < count * (count - 1) / 2 - 3
     names = [follower.name for follower in scenario.followers]
     texts = [f"stations of {names[i]} and {names[j]}" for i, j in expected]
-    known = replace(flight, scenario=scenario, estimates=tuple(estimates))
-    events = uncertainty_events(known)
+    changed = replace(flight, scenario=scenario, estimates=tuple(estimates))
+    events = uncertainty_events(changed)
     assert [event.text.split(",")[0] for event in events] == texts
     assert [event.time_s for event in events] == pytest.approx(list(expected.values()))
 
@@ -131,7 +134,7 @@ def test_stations_nearer_than_three_sigma_are_reported() -> None:
     assert "3 sigma" in events[0].text
 
 
-def test_a_shape_stands_for_its_followers() -> None:
+def test_a_shape_of_a_formation_makes_its_followers() -> None:
     shaped = Scenario(name="s", formation={"shape": {"kind": "v", "count": 6, "depth_m": 12.0}})
     assert [f.name for f in shaped.followers] == [f"follower-{i}" for i in range(1, 7)]
     assert [f.held_depth_m for f in shaped.followers] == [12.0 + i for i in range(6)]

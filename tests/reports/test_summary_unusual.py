@@ -13,26 +13,26 @@ from tests import synthetic
 from tests.synthetic import make_flight
 
 
-def placed(position):
-    """A flight with the positions of one that keeps to its routes, changed by a function."""
+def flight_on_routes(change):
+    """A flight whose vehicles keep to their routes; `change` then changes the positions."""
     flight = make_flight(20.0)
     truth = flight.trajectory
-    there = truth.position.copy()
+    positions = truth.position.copy()
     for v, route in enumerate(routes_of(MissionPlan.of(flight.scenario))):
         planned = plan(route).at(truth.time)
-        there[:, v, :2] = np.column_stack([planned.east, planned.north])
-    return replace(flight, trajectory=synthetic.moved(truth, position=position(there)))
+        positions[:, v, :2] = np.column_stack([planned.east, planned.north])
+    return replace(flight, trajectory=synthetic.moved(truth, position=change(positions)))
 
 
 @pytest.mark.parametrize("vehicle", [0, 1])
 def test_a_vehicle_far_off_its_route_is_reported_with_its_distance(vehicle):
-    assert route_events(placed(lambda there: there)) == []
+    assert route_events(flight_on_routes(lambda positions: positions)) == []
 
-    def drift(there):
-        there[:, vehicle, 0] += np.linspace(0.0, 106.0, len(there))
-        return there
+    def drift(positions):
+        positions[:, vehicle, 0] += np.linspace(0.0, 106.0, len(positions))
+        return positions
 
-    flight = placed(drift)
+    flight = flight_on_routes(drift)
     (event,) = route_events(flight)
     name, end = flight.trajectory.names[vehicle], flight.trajectory.time[-1]
     assert (event.time_s, event.source) == (end, name)
@@ -48,14 +48,16 @@ def test_a_vehicle_far_off_its_route_is_reported_with_its_distance(vehicle):
     ],
 )
 def test_vehicles_that_pass_close_to_each_other_or_touch_are_reported(apart_m, text):
-    def above(there):
-        there[:, 1] = there[:, 0] + [0.0, 50.0, 0.0]
-        there[100, 1] = there[100, 0] + [0.0, 0.0, apart_m]
-        return there
+    def above(positions):
+        positions[:, 1] = positions[:, 0] + [0.0, 50.0, 0.0]
+        positions[100, 1] = positions[100, 0] + [0.0, 0.0, apart_m]
+        return positions
 
-    flight = placed(above)
-    at = flight.trajectory.time[100]
+    flight = flight_on_routes(above)
+    time_of_passing = flight.trajectory.time[100]
     events = [event for event in safety_warnings(flight) if " is " not in event.text]
-    assert [(event.time_s, event.text) for event in events] == [(at, text)] * bool(text)
+    assert [(event.time_s, event.text) for event in events] == [(time_of_passing, text)] * bool(
+        text
+    )
     # contacts have events of their own
     assert [event.text for event in approach_events(flight)] == [text] * (apart_m == 0.25)

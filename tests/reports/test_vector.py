@@ -55,7 +55,7 @@ def page(tmp_path: Path) -> Path:
         y_label="north [m]",
         equal_scales=True,
     )
-    heat = panel(
+    heatmap = panel(
         [],
         x_label="speed",
         y_label="pitch",
@@ -74,12 +74,12 @@ def page(tmp_path: Path) -> Path:
         x_ticks={0: "slow", 1: "fast"},
         y_ticks={0: "0", 1: "5"},
     )
-    return page_with([errors, route, heat], tmp_path / "page.html")
+    return page_with([errors, route, heatmap], tmp_path / "page.html")
 
 
 def test_a_figure_has_the_lines_limits_and_labels_of_the_page(page: Path) -> None:
     figures = figures_of(page)
-    assert [one.name for one in figures] == ["errors", "map", "in-the-sea"]
+    assert [figure.name for figure in figures] == ["errors", "map", "in-the-sea"]
     drawn = draw(figures[0], 3.5)
     above, below = drawn.axes
     np.testing.assert_array_equal(above.lines[0].get_xdata(), X)
@@ -111,8 +111,8 @@ def test_the_command_lists_and_writes_vectors_alone(page: Path, tmp_path: Path) 
     assert re.search(r"^errors +time \[s\], EP \[m\], depth \[m\]$", listed.stdout, re.M)
     out = tmp_path / "o"
     for format_ in ("pdf", "svg"):
-        asked = ["figure", str(page), "map", "errors", "--format", format_, "--out", str(out)]
-        result = CliRunner().invoke(app, asked)
+        arguments = ["figure", str(page), "map", "errors", "--format", format_, "--out", str(out)]
+        result = CliRunner().invoke(app, arguments)
         assert result.exit_code == 0, result.output
     assert sorted(path.name for path in out.iterdir()) == [
         "errors.pdf",
@@ -130,7 +130,7 @@ def test_the_command_lists_and_writes_vectors_alone(page: Path, tmp_path: Path) 
     assert "<image" not in svg
 
 
-def test_what_there_is_not_is_named(page: Path, tmp_path: Path) -> None:
+def test_unknown_figures_and_pages_without_figures_are_reported(page: Path, tmp_path: Path) -> None:
     with pytest.raises(LaisnError, match="figure nix: expected one of errors, map, in-the-sea"):
         chosen(figures_of(page), ["nix"])
     other = tmp_path / "other.html"

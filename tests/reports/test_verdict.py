@@ -1,4 +1,4 @@
-"""The first sentence of a flight's page: who was lost, when, and why, each made so."""
+"""The first sentence of a flight's page: who was lost, when, and why, in flights made so."""
 
 import dataclasses
 import json
@@ -20,13 +20,16 @@ from sim.scenario.parts import MotionSettings
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
 
-KEPT = np.zeros((6001, 3))
+NO_TRACK_ERROR = np.zeros((6001, 3))
+"""Distance of each follower from its route or station at each instant [m]."""
 
 
-def off_by(
+def with_errors(
     flight: FlightRecord, follower: int, offsets: Floats, sigma: float = 1.0
 ) -> FlightRecord:
-    """The flight with an estimate that is off by `offsets`, shape (n, 2), [m], and so sure."""
+    """The flight with an estimate that is off by `offsets`, shape (n, 2), [m], and states the
+    standard deviation `sigma` [m].
+    """
     estimates = list(flight.estimates)
     old = estimates[follower]
     state = old.state.copy()
@@ -36,7 +39,9 @@ def off_by(
     return dataclasses.replace(flight, estimates=tuple(estimates))
 
 
-def silent(flight: FlightRecord, follower: int, begin_s: float, end_s: float) -> FlightRecord:
+def without_messages(
+    flight: FlightRecord, follower: int, begin_s: float, end_s: float
+) -> FlightRecord:
     """The flight without the messages of a follower in a part of the mission."""
     measurements = list(flight.measurements)
     old = measurements[follower]
@@ -47,14 +52,16 @@ def silent(flight: FlightRecord, follower: int, begin_s: float, end_s: float) ->
     return dataclasses.replace(flight, measurements=tuple(measurements))
 
 
-def lost_at(flight: FlightRecord, follower: int, time_s: float, sigma: float = 1.0) -> FlightRecord:
+def with_jump_at(
+    flight: FlightRecord, follower: int, time_s: float, sigma: float = 1.0
+) -> FlightRecord:
     """The flight with an error that jumps from 1 m to 11 m at a time, along the leader's axis."""
     steps = flight.step_index()
     heading = flight.trajectory.heading[steps, 0]
     ahead = np.column_stack([np.sin(heading), np.cos(heading)])
     time = flight.trajectory.time[steps]
     size = np.where(time > time_s - 0.01, 11.0, 1.0)
-    return off_by(flight, follower, size[:, None] * ahead, sigma)
+    return with_errors(flight, follower, size[:, None] * ahead, sigma)
 
 
 @pytest.fixture(scope="module")
@@ -62,26 +69,26 @@ def flight() -> FlightRecord:
     """Three followers, whose leader turns by 1 rad a minute."""
     calm = make_flight(600.0, 3)
     for follower in range(3):
-        calm = off_by(calm, follower, np.tile([0.5, 0.0], (6000, 1)))
+        calm = with_errors(calm, follower, np.tile([0.5, 0.0], (6000, 1)))
     return calm
 
 
 def test_a_flight_in_which_none_is_lost_begins_with_its_errors(flight: FlightRecord) -> None:
-    actual = verdict(flight, KEPT)
+    actual = verdict(flight, NO_TRACK_ERROR)
     assert actual.lost == ()
     assert actual.sentence.startswith("The mean position errors of 3 followers lie between 0.50 m")
 
 
 def test_a_silence_in_an_excerpt_has_the_times_of_the_mission(flight: FlightRecord) -> None:
-    part = excerpt(silent(flight, 1, 340.0, 401.0), 300.0, 500.0)
+    part = excerpt(without_messages(flight, 1, 340.0, 401.0), 300.0, 500.0)
     actual = longest_silence(part, 1, 320.0, 480.0)
     assert (actual.begin_s, actual.end_s) == pytest.approx((340.0, 401.0))
 
 
 def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: FlightRecord) -> None:
     """The leader goes round a circle of 60 m at 1 m/s: 57.3° in a minute."""
-    changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
-    actual = verdict(changed, KEPT)
+    changed = without_messages(with_jump_at(flight, 1, 400.0), 1, 340.0, 401.0)
+    actual = verdict(changed, NO_TRACK_ERROR)
     (loss,) = actual.lost
     assert (loss.follower, loss.time_s) == ("follower2", pytest.approx(400.0))
     assert loss.silence_s == pytest.approx(60.0, abs=1.1)
@@ -94,8 +101,8 @@ def test_a_silence_before_a_loss_is_its_cause_with_the_leaders_turn(flight: Flig
 
 
 def test_several_losses_are_in_order_of_time(flight: FlightRecord) -> None:
-    changed = lost_at(lost_at(flight, 0, 500.0), 2, 300.0)
-    actual = verdict(silent(changed, 2, 280.0, 301.0), KEPT)
+    changed = with_jump_at(with_jump_at(flight, 0, 500.0), 2, 300.0)
+    actual = verdict(without_messages(changed, 2, 280.0, 301.0), NO_TRACK_ERROR)
     assert [loss.follower for loss in actual.lost] == ["follower3", "follower1"]
     words = "2 of 3 followers were lost: follower3 at 300 s, follower1 at 500 s; likeliest cause"
     assert actual.sentence.startswith(words)
@@ -116,14 +123,14 @@ def test_of_many_losses_four_are_named() -> None:
 def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: FlightRecord) -> None:
     acoustics = flight.scenario.acoustics.model_copy(update={"clock_offset_s": 0.01})
     scenario = flight.scenario.model_copy(update={"acoustics": acoustics})
-    changed = dataclasses.replace(lost_at(flight, 0, 200.0), scenario=scenario)
-    (loss,) = verdict(changed, KEPT).lost
+    changed = dataclasses.replace(with_jump_at(flight, 0, 200.0), scenario=scenario)
+    (loss,) = verdict(changed, NO_TRACK_ERROR).lost
     assert loss.cause.startswith("an assumption that does not hold: the clocks differ by up to 10")
 
 
 def test_a_filter_surer_than_right_is_a_cause(flight: FlightRecord) -> None:
     """An error of 1 m with σ = 0.1 m before: NEES 100."""
-    (loss,) = verdict(lost_at(flight, 0, 300.0, 0.1), KEPT).lost
+    (loss,) = verdict(with_jump_at(flight, 0, 300.0, 0.1), NO_TRACK_ERROR).lost
     assert "surer than right (mean NEES 10" in loss.cause
 
 
@@ -131,12 +138,12 @@ def test_a_mirror_lock_is_a_cause(flight: FlightRecord) -> None:
     steps = flight.step_index()
     heading = flight.trajectory.heading[steps, 0]
     starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
-    away = flight.hydrophone(2)[:, :2] - flight.trajectory.position[steps, 0, :2]
-    side = np.einsum("ni,ni->n", away, starboard)
+    from_leader = flight.hydrophone(2)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    side = np.einsum("ni,ni->n", from_leader, starboard)
     assert np.abs(side).min() > 5.1
     locked = flight.trajectory.time[steps] > 250.0
     offsets = np.where(locked, -2.0 * side, 0.0)[:, None] * starboard
-    (loss,) = verdict(off_by(flight, 2, offsets), KEPT).lost
+    (loss,) = verdict(with_errors(flight, 2, offsets), NO_TRACK_ERROR).lost
     assert loss.time_s == pytest.approx(250.1)
     assert "locked on the mirror image" in loss.cause
 
@@ -147,9 +154,9 @@ def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(
     plan = flight.scenario.followers[0].model_copy(update={"guidance_position": "estimate"})
     followers = (plan, *flight.scenario.followers[1:])
     scenario = flight.scenario.model_copy(update={"followers": followers})
-    off = KEPT.copy()
-    off[2000:, 0] = 12.0
-    (loss,) = verdict(dataclasses.replace(flight, scenario=scenario), off).lost
+    track_errors = NO_TRACK_ERROR.copy()
+    track_errors[2000:, 0] = 12.0
+    (loss,) = verdict(dataclasses.replace(flight, scenario=scenario), track_errors).lost
     assert loss.time_s == pytest.approx(200.0)
     assert loss.what == "more than 10 m off its route"
     assert loss.cause.startswith("not its estimate, which was 0.5 m off, but its motion, at ")
@@ -162,14 +169,14 @@ def test_a_follower_on_its_way_to_its_station_is_not_lost(flight: FlightRecord) 
         update={"followers": (plan, *flight.scenario.followers[1:])}
     )
     on_station = dataclasses.replace(flight, scenario=scenario)
-    off = KEPT.copy()
-    off[:1000, 0] = 30.0
-    assert verdict(on_station, off).lost == ()
-    off[4000:, 0] = 12.0
-    (loss,) = verdict(on_station, off).lost
+    track_errors = NO_TRACK_ERROR.copy()
+    track_errors[:1000, 0] = 30.0
+    assert verdict(on_station, track_errors).lost == ()
+    track_errors[4000:, 0] = 12.0
+    (loss,) = verdict(on_station, track_errors).lost
     assert (loss.time_s, loss.what) == (pytest.approx(400.0), "more than 10 m off its station")
-    off[:, 0] = 30.0
-    (loss,) = verdict(on_station, off).lost
+    track_errors[:, 0] = 30.0
+    (loss,) = verdict(on_station, track_errors).lost
     assert (loss.time_s, loss.what) == (pytest.approx(600.0), "never reached its station")
 
 
@@ -180,20 +187,20 @@ def test_a_controller_of_ones_own_is_not_lost_off_the_route(flight: FlightRecord
     followers = (plan, *flight.scenario.followers[1:])
     scenario = flight.scenario.model_copy(update={"followers": followers})
     changed = dataclasses.replace(flight, scenario=scenario)
-    assert verdict(changed, KEPT + 12.0).lost == ()
+    assert verdict(changed, NO_TRACK_ERROR + 12.0).lost == ()
     assert not any(event.source == "follower1" for event in route_events(changed))
 
 
 def test_an_outcome_comes_first(flight: FlightRecord) -> None:
-    changed = dataclasses.replace(lost_at(flight, 0, 300.0), outcome=Termination.DIVERGED)
-    sentence = verdict(changed, KEPT).sentence
+    changed = dataclasses.replace(with_jump_at(flight, 0, 300.0), outcome=Termination.DIVERGED)
+    sentence = verdict(changed, NO_TRACK_ERROR).sentence
     assert sentence.startswith("The simulation left finite numbers; ")
     assert "1 of 3 followers was lost: follower1 at 300 s" in sentence
 
 
 @pytest.mark.system
-def test_page_and_summary_begin_with_it(flight: FlightRecord, tmp_path: Path) -> None:
-    changed = silent(lost_at(flight, 1, 400.0), 1, 340.0, 401.0)
+def test_page_and_summary_begin_with_the_verdict(flight: FlightRecord, tmp_path: Path) -> None:
+    changed = without_messages(with_jump_at(flight, 1, 400.0), 1, 340.0, 401.0)
     summary = summarise(changed)
     expected = verdict(
         changed, track_errors(MotionSettings.of(changed.scenario), changed.trajectory)
@@ -220,10 +227,10 @@ def test_a_follower_without_messages_is_lost_by_its_logs_bias(tmp_path: Path) ->
     (loss,) = json.loads((out / "summary.json").read_text())["verdict"]["lost"]
     assert loss["time_s"] == pytest.approx(25.0, abs=3.0)
     assert loss["cause"].startswith("no message for 2")
-    flat = " ".join(result.output.split())
-    assert "lost: follower was lost at 2" in flat
-    assert "no message for 2" in flat
-    assert flat.index("warning: the clocks differ by up to 1 ms") < flat.index("E_P: max")
-    assert "(replaces" not in flat
+    output = " ".join(result.output.split())
+    assert "lost: follower was lost at 2" in output
+    assert "no message for 2" in output
+    assert output.index("warning: the clocks differ by up to 1 ms") < output.index("E_P: max")
+    assert "(replaces" not in output
     again = CliRunner().invoke(app, [*words.split(), "--out", str(out)])
     assert "(replaces the earlier flight)" in " ".join(again.output.split())
