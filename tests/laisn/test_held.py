@@ -1,5 +1,5 @@
-"""Values that compiled code holds from call to call, and functions that are compiled for their
-callers alone.
+"""Values that compiled code holds from call to call, and functions that are compiled within their
+callers only.
 """
 
 import gc
@@ -33,7 +33,7 @@ class Outer(NamedTuple):
     pair: tuple[Floats, bool]
 
 
-def outer_of() -> Outer:
+def new_outer() -> Outer:
     return Outer(Inner(np.arange(4.0), 3.0), records(POINT, 2), (np.zeros(2), True))
 
 
@@ -47,7 +47,7 @@ def _count(k: int, held: Held) -> float:
 
 def test_held_values_are_those_of_python() -> None:
     """Both write into the same arrays, and see what the other has written."""
-    outer = outer_of()
+    outer = new_outer()
     held = Held(outer)
     assert _count(2, held) == 2.0
     outer.inner.numbers[2] = 8.0
@@ -65,33 +65,33 @@ def _count_borrowed(k: int, outer: Outer) -> float:
 
 
 def test_borrowed_values_are_those_of_the_caller_who_keeps_them() -> None:
-    outer = outer_of()
+    outer = new_outer()
     arrays = (outer.inner.numbers, outer.points, outer.pair[0])
-    before = [sys.getrefcount(array) for array in arrays]
+    references = [sys.getrefcount(array) for array in arrays]
     for _ in range(3):
         assert _count_borrowed(2, outer) == 2.0
-    assert [sys.getrefcount(array) for array in arrays] == before
+    assert [sys.getrefcount(array) for array in arrays] == references
     assert outer.points[1].y == 6.0
     assert outer.pair[0].tolist() == [9.0, 0.0]
     del arrays
-    again = _count_borrowed(3, outer_of())
+    of_a_temporary = _count_borrowed(3, new_outer())
     gc.collect()
-    assert again == 3.0
+    assert of_a_temporary == 3.0
 
 
 def test_held_arrays_live_as_long_as_they_are_held() -> None:
-    numbers = np.arange(1e5)
-    outer = outer_of()
-    held = Held(outer._replace(inner=Inner(numbers, 1.0)))
+    array = np.arange(1e5)
+    outer = new_outer()
+    held = Held(outer._replace(inner=Inner(array, 1.0)))
     del outer
-    before = sys.getrefcount(numbers)
+    references = sys.getrefcount(array)
     gc.collect()
     assert _count(3, held) == 3.0
-    assert sys.getrefcount(numbers) == before
+    assert sys.getrefcount(array) == references
     del held
     gc.collect()
-    # that of the NamedTuple, and that of compiled code
-    assert sys.getrefcount(numbers) == before - 2
+    # released are the references of the NamedTuple and of compiled code
+    assert sys.getrefcount(array) == references - 2
 
 
 @jitable
@@ -143,13 +143,13 @@ def _compiled_around_a_call() -> float:
 
 
 def test_python_may_call_a_function_while_another_is_compiled() -> None:
-    """As the memory of held values is given back, whenever Python collects garbage."""
+    """Held values need it: their memory is released whenever Python collects garbage."""
     assert _compiled_around_a_call() == 10.0
-    assert libraries(_called_while_compiling) == [False]
+    assert are_nested(_called_while_compiling) == [False]
 
 
-def libraries(function: object) -> list[bool]:
-    """Whether each signature of a function is for its callers alone."""
+def are_nested(function: object) -> list[bool]:
+    """Whether the code of each signature of a function is only within its callers."""
     overloads = function.overloads.values()  # type: ignore[attr-defined]
     return [isinstance(overload.library, NestedLibrary) for overload in overloads]
 
@@ -159,12 +159,12 @@ def test_functions_for_their_callers_have_no_code_of_their_own_until_python_call
     # 1 + (1 + √0) + (1 + √1) + (1 + √4) + (1 + √9), and the root of 1
     total = 12.0
     assert _outermost(1.0, numbers) == 3.0 * total
-    assert libraries(_inmost) == libraries(_sum) == [True]
-    assert libraries(_shared) == libraries(_outermost) == [False]
+    assert are_nested(_inmost) == are_nested(_sum) == [True]
+    assert are_nested(_shared) == are_nested(_outermost) == [False]
     assert _inmost(4.0) == 3.0
     assert _sum(1.0, numbers) == total
     assert _shared(1.0, numbers) == 2.0 * total
-    assert libraries(_inmost) == libraries(_sum) == [False]
+    assert are_nested(_inmost) == are_nested(_sum) == [False]
 
     # other signatures, and a function of the user's that calls them
     assert _sum(1, numbers.astype(np.float32)) == total

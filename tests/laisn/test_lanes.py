@@ -1,4 +1,4 @@
-"""One algorithm, two engines: the compiled lanes follow the readable navigator to 1e-9 m, for
+"""One algorithm, two engines: the compiled lanes agree with the readable navigator to 1e-9 m, for
 any input.
 """
 
@@ -22,11 +22,11 @@ from tests.laisn import in_lanes
 STEPS = 24
 VELOCITY = slice(2, 4)
 POSITION_AGREEMENT = 1e-9
-"""Largest difference of positions [m]; a share of a step's way where broken ranges throw an
-estimate over metres.
+"""Largest difference of positions [m]; relative to the displacement in a step where broken ranges
+make that longer than a metre.
 """
 VELOCITY_AGREEMENT = 1e-7
-"""Largest difference of velocities [m/s]; a share of the speed where it is higher.
+"""Largest difference of velocities [m/s]; relative to the speed where that is above 1 m/s.
 
 With exact fixes each second, of a velocity variance of (60 m/s)² some (0.2 m/s)² is left: both
 engines are then 3e-8 m/s from the same filter in extended precision.
@@ -35,18 +35,18 @@ engines are then 3e-8 m/s from the same filter in extended precision.
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """What makes a mission hard; continuous quantities follow from `seed`, so that ties have no
-    weight.
+    """Difficulties of a mission. Continuous quantities are drawn from `seed`, so that ties, which
+    rounding would decide, have probability 0.
     """
 
     seed: int
-    every: int
+    steps_per_message: int
     bearing_deg: float
     """Bearing of the follower, from the leader's bow."""
     distance: float
-    spread: float
-    """Spread of the bearing [rad]: a small one keeps the follower on the axis."""
-    stretch: float
+    bearing_sigma: float
+    """Standard deviation of the bearing [rad]: a small one keeps the follower on the axis."""
+    range_sigma: float
     """Standard deviation of range errors [m]: a large one makes circles miss each other."""
     lost_ranges: float
     """Share of ranges that are missing."""
@@ -57,34 +57,52 @@ class Case:
 
 
 def missions(case: Case, count: int) -> tuple[list[Measurements], Floats]:
-    """Missions side by side, and their start: a follower near a given bearing of a leader that
-    wanders.
+    """Missions with messages at the same steps, and their start: a follower near a bearing of a
+    leader that wanders.
     """
     rng = np.random.default_rng(case.seed)
-    every = np.arange(case.every, STEPS + 1, case.every)
-    message_step = every[rng.random(every.size) >= case.lost_messages]
-    m = message_step.size
+    possible_steps = np.arange(case.steps_per_message, STEPS + 1, case.steps_per_message)
+    message_step = possible_steps[rng.random(possible_steps.size) >= case.lost_messages]
+    n_messages = message_step.size
     result = []
     heading = rng.uniform(-np.pi, np.pi)
     for _ in range(count):
-        theta = heading + np.cumsum(rng.normal(0, 0.2, m))
-        leader = np.cumsum(rng.normal(0, 0.5, (m, 2)), axis=0)
-        depth, own_depth = 8 + rng.normal(0, 1, m), 10 + rng.normal(0, 1, STEPS)
-        bearing = theta + np.deg2rad(case.bearing_deg) + rng.normal(0, 1, m) * case.spread
+        theta = heading + np.cumsum(rng.normal(0, 0.2, n_messages))
+        leader = np.cumsum(rng.normal(0, 0.5, (n_messages, 2)), axis=0)
+        depth, own_depth = 8 + rng.normal(0, 1, n_messages), 10 + rng.normal(0, 1, STEPS)
+        bearing = (
+            theta + np.deg2rad(case.bearing_deg) + rng.normal(0, 1, n_messages) * case.bearing_sigma
+        )
         follower = leader + case.distance * np.stack([np.sin(bearing), np.cos(bearing)], axis=1)
         forward = np.stack([np.sin(theta), np.cos(theta)], axis=1)
         port = np.stack([-np.cos(theta), np.sin(theta)], axis=1)
-        apart = [leader - forward, leader + forward, leader + 0.1 * port]
-        dz = own_depth[message_step - 1] - depth
+        transmitters = [leader - forward, leader + forward, leader + 0.1 * port]
+        depth_difference = own_depth[message_step - 1] - depth
         ranges = np.stack(
-            [np.sqrt(np.sum((follower - p) ** 2, axis=1) + dz**2) for p in apart], axis=1
+            [
+                np.sqrt(np.sum((follower - p) ** 2, axis=1) + depth_difference**2)
+                for p in transmitters
+            ],
+            axis=1,
         )
-        ranges = np.abs(ranges + rng.normal(0, 1, ranges.shape) * case.stretch)
+        ranges = np.abs(ranges + rng.normal(0, 1, ranges.shape) * case.range_sigma)
         ranges[rng.random(ranges.shape) < case.lost_ranges] = np.nan
-        tilt = rng.normal(0, 0.2, (m, 2)) if case.attitude else np.full((m, 2), np.nan)
-        speed = np.abs(rng.normal(1, 0.3, m))
+        tilt = (
+            rng.normal(0, 0.2, (n_messages, 2))
+            if case.attitude
+            else np.full((n_messages, 2), np.nan)
+        )
+        speed = np.abs(rng.normal(1, 0.3, n_messages))
         message = np.column_stack(
-            [message_step * case.dt, leader, theta, speed, depth, tilt, np.full((m, 2), np.nan)]
+            [
+                message_step * case.dt,
+                leader,
+                theta,
+                speed,
+                depth,
+                tilt,
+                np.full((n_messages, 2), np.nan),
+            ]
         )
         result.append(
             Measurements(
@@ -116,9 +134,11 @@ def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int 
         fastest = np.abs(alone.state[:, VELOCITY]).max()
         assert difference[POSITION].max() < POSITION_AGREEMENT * max(1.0, fastest * case.dt)
         assert difference[VELOCITY].max() < VELOCITY_AGREEMENT * max(1.0, fastest)
-        # The lanes keep a place for each pair; the navigator lists a pair only if it was received.
-        made = together.fix_kind[:, :, i]
-        listed = [k[k != FixKind.LOST] if np.any(k != FixKind.LOST) else k[:1] for k in made]
+        # The lanes have a kind for each pair; the navigator lists a pair only if it was received.
+        kinds_of_pairs = together.fix_kind[:, :, i]
+        listed = [
+            k[k != FixKind.LOST] if np.any(k != FixKind.LOST) else k[:1] for k in kinds_of_pairs
+        ]
         assert (
             np.concatenate([*listed, np.empty(0, dtype=np.int64)]).tolist()
             == alone.fix_kind.tolist()
@@ -130,13 +150,13 @@ def assert_engines_agree(case: Case, navigation: NavigationSettings, count: int 
 cases = st.builds(
     Case,
     seed=st.integers(0, 2**32 - 1),
-    every=st.integers(1, 8),
+    steps_per_message=st.integers(1, 8),
     bearing_deg=st.sampled_from([0.0, 45.0, 90.0, 180.0, 225.0]),
     distance=st.sampled_from([0.5, 3.0, 20.0, 100.0]),
-    spread=st.sampled_from([0.0, 0.02, 0.5]),
+    bearing_sigma=st.sampled_from([0.0, 0.02, 0.5]),
     # Without any error a follower on the axis sees circles that touch, and rounding decides whether
     # they meet.
-    stretch=st.sampled_from([0.001, 0.05, 2.0]),
+    range_sigma=st.sampled_from([0.001, 0.05, 2.0]),
     lost_ranges=st.sampled_from([0.0, 0.2, 0.7, 1.0]),
     lost_messages=st.sampled_from([0.0, 0.3, 1.0]),
     attitude=st.booleans(),
@@ -170,11 +190,11 @@ def test_engines_agree_on_anything(case: Case, navigation: NavigationSettings) -
 
 ABEAM = Case(
     seed=3,
-    every=2,
+    steps_per_message=2,
     bearing_deg=120.0,
     distance=20.0,
-    spread=0.02,
-    stretch=0.01,
+    bearing_sigma=0.02,
+    range_sigma=0.01,
     lost_ranges=0.0,
     lost_messages=0.0,
     attitude=True,
@@ -190,20 +210,21 @@ def test_engines_agree_on_every_rule(variant: Variant, gate: GateRule, side_rule
     )
     assert_engines_agree(ABEAM, navigation)
     assert_engines_agree(
-        replace(ABEAM, bearing_deg=0.0, spread=0.0, stretch=1.0, lost_ranges=0.1), navigation
+        replace(ABEAM, bearing_deg=0.0, bearing_sigma=0.0, range_sigma=1.0, lost_ranges=0.1),
+        navigation,
     )
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant) -> None:
-    astern = replace(ABEAM, bearing_deg=180.0, spread=0.0, stretch=0.01)
-    exact = NavigationSettings(variant=variant, threshold=1000.0, gate="off")
-    kinds = assert_engines_agree(astern, exact, count=4)
+    astern = replace(ABEAM, bearing_deg=180.0, bearing_sigma=0.0, range_sigma=0.01)
+    snapping = NavigationSettings(variant=variant, threshold=1000.0, gate="off")
+    kinds = assert_engines_agree(astern, snapping, count=4)
     # Every pair is snapped onto the axis: three updates with σp = 0 in a row, the second and third
     # singular.
     assert np.mean(kinds == FixKind.SINGULAR) == (2 / 3 if variant == "laisn-3-1" else 0)
     assert FixKind.GATED in assert_engines_agree(
-        replace(ABEAM, stretch=2.0), NavigationSettings(variant=variant)
+        replace(ABEAM, range_sigma=2.0), NavigationSettings(variant=variant)
     )
     assert FixKind.LOST in assert_engines_agree(
         replace(ABEAM, lost_ranges=0.9), NavigationSettings(variant=variant)
@@ -245,7 +266,7 @@ def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> 
         ranges=np.full((1, 3), np.sqrt(401.0)),
     )
     behind = leader - 20.0 * np.array([np.sin(heading), np.cos(heading)])
-    # nowhere near: a certain fix is taken over
+    # the start is far away: the fix is certain, so that it replaces it
     start, navigation = np.zeros(4), NavigationSettings(gate="off", use_attitude=True)
     together = in_lanes.run([mission], start, navigation)
     alone = Navigator(navigation, start).run(mission)
@@ -254,7 +275,7 @@ def test_transmitters_above_each_other_leave_the_hulls_heading_for_an_axis() -> 
     assert together.fix_kind.ravel().tolist() == alone.fix_kind.tolist() == [FixKind.ASTERN]
 
 
-def test_lanes_do_not_see_each_other() -> None:
+def test_lanes_do_not_influence_each_other() -> None:
     # More missions than a block has lanes, and the same ones alone.
     measurements, start = missions(ABEAM, LANES + 3)
     navigation = NavigationSettings(variant="laisn-3-2")

@@ -1,4 +1,4 @@
-"""Parts of SciPy that filterpy imports for other filters are loaded when these filters are used."""
+"""`later`: modules of SciPy that only filterpy's other filters need are loaded once these are used."""
 
 import math
 import subprocess
@@ -49,9 +49,9 @@ def test_the_navigators_filter_is_filterpys_and_loads_no_statistics(lines: list[
     assert lines[1] == ["True", "False", "False"]
 
 
-def test_filterpys_other_filters_work_as_without_it(lines: list[list[str]]) -> None:
+def test_filterpys_other_filters_work_with_modules_loaded_later(lines: list[list[str]]) -> None:
     """A prior N(0, 1) and a reading 3 of variance 1: the mean 1.5 and the variance 0.5. A robot
-    that moves by one cell is with 0.2, 0.5, 0.3 one cell short, there, or one too far.
+    that moves by one cell errs by the given kernel: 0.2, 0.5, 0.3, here around a ring of three.
     """
     assert [float(number) for number in lines[2]] == pytest.approx([1.5, 0.5])
     assert [float(number) for number in lines[3]] == pytest.approx(

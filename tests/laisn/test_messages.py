@@ -1,4 +1,4 @@
-"""Parts of what a follower measured, and of what it received of further links."""
+"""Parts of the messages that a follower received over a further link."""
 
 import numpy as np
 import pytest
@@ -10,17 +10,17 @@ from laisn.messages import LinkMessages
     ("first", "last", "steps"),
     [(0, 40, [1, 10, 11, 30]), (1, 30, [10, 11, 30]), (10, 29, [11]), (30, 40, [])],
 )
-def test_a_part_of_a_link_has_the_messages_of_its_steps_counted_from_its_begin(
+def test_a_part_of_a_link_has_the_messages_of_its_steps_counted_from_its_start(
     first: int, last: int, steps: list[int]
 ) -> None:
     """Steps `first` + 1 … `last`, both included."""
-    number = np.arange(4.0)
+    index = np.arange(4.0)
     link = LinkMessages(
         message_step=np.array([1, 10, 11, 30]),
-        message=np.tile(number[:, None], 10),
-        ranges=np.tile(number[:, None], 3),
-        round_trip=number,
-        content={"ctd": number[:, None]},
+        message=np.tile(index[:, None], 10),
+        ranges=np.tile(index[:, None], 3),
+        round_trip=index,
+        content={"ctd": index[:, None]},
     )
     part = link.part(first, last)
     expected = [[1, 10, 11, 30].index(step) for step in steps]

@@ -8,7 +8,7 @@ from laisn.estimates import Estimates, FixKind
 
 
 def estimates(**changes: object) -> Estimates:
-    values: dict[str, object] = {
+    arrays: dict[str, object] = {
         "state": np.zeros((3, 4)),
         "covariance": np.tile(np.eye(4), (3, 1, 1)),
         "fix_step": np.array([1, 2, 3]),
@@ -18,7 +18,7 @@ def estimates(**changes: object) -> Estimates:
         "innovation": np.array([[1.0, 2.0], [np.nan, np.nan], [0.0, 3.0]]),
         "innovation_covariance": np.array([np.eye(2), np.full((2, 2), np.nan), 9 * np.eye(2)]),
     }
-    return Estimates(**{**values, **changes})  # type: ignore[arg-type]
+    return Estimates(**{**arrays, **changes})  # type: ignore[arg-type]
 
 
 def test_errors_of_a_right_triangle() -> None:
@@ -40,9 +40,7 @@ def test_summary_is_over_all_steps() -> None:
 
 
 def test_consistency_of_known_covariances() -> None:
-    """eᵀ P⁻¹ e with P = I, and with S = 9 I; singular covariances and rejected fixes count as
-    unknown.
-    """
+    """eᵀ P⁻¹ e with P = I, and with S = 9 I; NaN for singular covariances and rejected fixes."""
     assert metrics.nees(estimates(), np.array([[3.0, 4.0], [0, 0], [1, 0]])) == pytest.approx(
         [25.0, 0.0, 1.0]
     )
@@ -60,10 +58,10 @@ def test_an_ellipse_flattened_by_rounding_is_not_used(shorter: float, expected: 
     covariance = np.zeros((3, 4, 4))
     covariance[:, :2, :2] = rotation @ np.diag([1.0, shorter**2]) @ rotation.T
     covariance[1:, 0, 1] *= 1.0 + 1e-10 if shorter == 0.0 else 1.0
-    given = metrics.nees(
+    nees = metrics.nees(
         estimates(state=np.zeros((3, 4)), covariance=covariance), np.tile([0.6, 0.8], (3, 1))
     )
-    np.testing.assert_allclose(given, np.full(3, expected), rtol=1e-6)
+    np.testing.assert_allclose(nees, np.full(3, expected), rtol=1e-6)
 
 
 def test_nees_of_gaussian_errors_averages_two() -> None:
@@ -73,40 +71,42 @@ def test_nees_of_gaussian_errors_averages_two() -> None:
     covariance = np.zeros((n, 4, 4))
     covariance[:, :2, :2] = root @ root.T
     state = np.concatenate([rng.normal(size=(n, 2)) @ root.T, np.zeros((n, 2))], axis=1)
-    value = metrics.nees(estimates(state=state, covariance=covariance), np.zeros((n, 2)))
+    nees = metrics.nees(estimates(state=state, covariance=covariance), np.zeros((n, 2)))
     # variance of χ²₂ is 4: five standard errors
-    assert value.mean() == pytest.approx(2.0, abs=5 * 2 / np.sqrt(n))
+    assert nees.mean() == pytest.approx(2.0, abs=5 * 2 / np.sqrt(n))
 
 
-def test_capture_is_far_from_the_truth_and_near_its_mirror_image() -> None:
+def test_a_mirror_lock_is_far_from_the_truth_and_near_its_mirror_image() -> None:
     """Truth 4 m to port of the axis, mirror image 8 m away at (−20, −4); the last two truths are
     on the axis.
     """
     leader, east = np.zeros((6, 2)), np.full(6, np.pi / 2)
     truth = np.array([[-20.0, 4.0]] * 4 + [[-20.0, 0.1]] * 2)
-    guess = np.array(
+    estimate = np.array(
         [[-20.0, -4.0], [-20.0, -0.5], [-20.0, 12.0], [-24.1, -4.0], [-20.0, -6.0], [-20.0, 6.0]]
     )
-    mirror_locked = metrics.mirror_locked_steps(guess, truth, leader, east)
+    mirror_locked = metrics.mirror_locked_steps(estimate, truth, leader, east)
     # the fourth is 4.1 m from the mirror image and 8.99 m from the truth: just beyond twice as far
     assert mirror_locked.tolist() == [True, False, False, True, False, False]
     # the same, turned by 50° to port about the leader and moved with it
     c, s = np.cos(np.deg2rad(50.0)), np.sin(np.deg2rad(50.0))
-    rotation, moved = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
-    turned = (
-        guess @ rotation.T + moved,
-        truth @ rotation.T + moved,
-        leader + moved,
+    rotation, shift = np.array([[c, -s], [s, c]]), np.array([300.0, -70.0])
+    transformed = (
+        estimate @ rotation.T + shift,
+        truth @ rotation.T + shift,
+        leader + shift,
         east - np.deg2rad(50.0),
     )
-    assert metrics.mirror_locked_steps(*turned).tolist() == mirror_locked.tolist()
+    assert metrics.mirror_locked_steps(*transformed).tolist() == mirror_locked.tolist()
 
 
 @pytest.mark.parametrize(
     ("steps", "longest"),
     [("1011100", 3), ("1101000", 2), ("1001011", 2), ("1111111", 7), ("0000000", 0)],
 )
-def test_the_longest_capture_may_begin_or_end_with_the_mission(steps: str, longest: int) -> None:
+def test_the_longest_mirror_lock_may_begin_or_end_with_the_mission(
+    steps: str, longest: int
+) -> None:
     assert metrics.longest_mirror_lock(np.array([step == "1" for step in steps])) == longest
 
 
@@ -118,26 +118,28 @@ def test_fix_counts_name_every_kind() -> None:
     assert len(counts) == len(FixKind)
 
 
-def test_errors_and_captures_of_anything_are_those_of_complex_numbers() -> None:
+def test_errors_and_mirror_locks_agree_with_complex_numbers() -> None:
     """Angles as arguments of quotients, mirror images as conjugates about the leader's axis."""
     rng = np.random.default_rng(9)
     n = 4000
     truth, leader = rng.normal(0, 8, (n, 2)), rng.normal(0, 3, (n, 2))
     heading = rng.uniform(-7, 7, n)
-    z, origin, axis = truth @ [1, 1j], leader @ [1, 1j], 1j * np.exp(-1j * heading)
-    mirror = origin + axis * np.conj((z - origin) / axis)
+    z_true, z_leader, axis = truth @ [1, 1j], leader @ [1, 1j], 1j * np.exp(-1j * heading)
+    mirror = z_leader + axis * np.conj((z_true - z_leader) / axis)
     # near the mirror image, near the truth, and anywhere
-    guess = np.select([np.arange(n) % 3 == 0, np.arange(n) % 3 == 1], [mirror, z], 0.0)
-    guess = guess + rng.normal(0, 4, n) + 1j * rng.normal(0, 4, n)
-    estimate = np.column_stack([guess.real, guess.imag])
+    z_estimated = np.select([np.arange(n) % 3 == 0, np.arange(n) % 3 == 1], [mirror, z_true], 0.0)
+    z_estimated = z_estimated + rng.normal(0, 4, n) + 1j * rng.normal(0, 4, n)
+    estimate = np.column_stack([z_estimated.real, z_estimated.imag])
     np.testing.assert_allclose(
-        metrics.position_errors(estimate, truth), np.abs(guess - z), rtol=1e-12
+        metrics.position_errors(estimate, truth), np.abs(z_estimated - z_true), rtol=1e-12
     )
-    angle = np.abs(np.angle((guess - origin) / (z - origin)))
+    angle = np.abs(np.angle((z_estimated - z_leader) / (z_true - z_leader)))
     np.testing.assert_allclose(
         metrics.bearing_errors(estimate, truth, leader), angle, rtol=0, atol=1e-12
     )
-    mirror_locked = (np.abs(guess - z) > 5.0) & (2.0 * np.abs(guess - mirror) < np.abs(guess - z))
+    mirror_locked = (np.abs(z_estimated - z_true) > 5.0) & (
+        2.0 * np.abs(z_estimated - mirror) < np.abs(z_estimated - z_true)
+    )
     assert 0.1 < mirror_locked.mean() < 0.9
     np.testing.assert_array_equal(
         metrics.mirror_locked_steps(estimate, truth, leader, heading), mirror_locked
@@ -147,15 +149,18 @@ def test_errors_and_captures_of_anything_are_those_of_complex_numbers() -> None:
 def test_consistency_of_any_covariance_is_that_of_a_linear_solver() -> None:
     rng = np.random.default_rng(10)
     root = rng.normal(size=(3, 2, 2))
-    spread, error = root @ root.transpose(0, 2, 1), rng.normal(size=(3, 2))
-    whole = np.tile(np.eye(4), (3, 1, 1))
-    whole[:, :2, :2] = spread
+    covariance, error = root @ root.transpose(0, 2, 1), rng.normal(size=(3, 2))
+    state_covariance = np.tile(np.eye(4), (3, 1, 1))
+    state_covariance[:, :2, :2] = covariance
     kinds = np.array([FixKind.TWO_POINTS, FixKind.ASTERN, FixKind.FUSED])
-    given = estimates(
-        covariance=whole, innovation=error, innovation_covariance=spread, fix_kind=kinds
+    record = estimates(
+        covariance=state_covariance,
+        innovation=error,
+        innovation_covariance=covariance,
+        fix_kind=kinds,
     )
-    expected = [e @ np.linalg.solve(p, e) for e, p in zip(error, spread, strict=True)]
-    np.testing.assert_allclose(metrics.nees(given, -error), expected, rtol=1e-10)
-    np.testing.assert_allclose(metrics.nis(given), expected, rtol=1e-10)
+    expected = [e @ np.linalg.solve(p, e) for e, p in zip(error, covariance, strict=True)]
+    np.testing.assert_allclose(metrics.nees(record, -error), expected, rtol=1e-10)
+    np.testing.assert_allclose(metrics.nis(record), expected, rtol=1e-10)
     for kind in (FixKind.GATED, FixKind.SINGULAR, FixKind.LOST, FixKind.ONE_RANGE):
         assert np.isnan(metrics.nis(estimates(fix_kind=np.full(3, kind), innovation=error))).all()

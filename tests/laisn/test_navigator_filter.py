@@ -22,26 +22,32 @@ def test_updates_agree_with_the_information_form() -> None:
     """P⁺ = (P⁻¹ + Hᵀ R⁻¹ H)⁻¹ and x⁺ = P⁺ (P⁻¹ x + Hᵀ R⁻¹ z)."""
     kalman = Filter(0.1, np.array([1.0, 2.0, 0.5, -0.5]), np.array([1.0, 1.0, 0.3, 0.3]))
     kalman.predict(60.0)
-    x, prior, spread = kalman.state, np.linalg.inv(kalman.covariance), kalman.covariance
+    x, prior_information, prior_covariance = (
+        kalman.state,
+        np.linalg.inv(kalman.covariance),
+        kalman.covariance,
+    )
     innovation = kalman.update_position((1.4, 1.7), 0.2)
     np.testing.assert_allclose(innovation.residual, [1.4 - x[0], 1.7 - x[1]])
-    np.testing.assert_allclose(innovation.covariance, spread[:2, :2] + 0.04 * np.eye(2))
-    information = prior + H_POSITION.T @ H_POSITION / 0.04
-    x = np.linalg.solve(information, prior @ x + H_POSITION.T @ [1.4, 1.7] / 0.04)
+    np.testing.assert_allclose(innovation.covariance, prior_covariance[:2, :2] + 0.04 * np.eye(2))
+    information = prior_information + H_POSITION.T @ H_POSITION / 0.04
+    x = np.linalg.solve(information, prior_information @ x + H_POSITION.T @ [1.4, 1.7] / 0.04)
     np.testing.assert_allclose(kalman.state, x)
     np.testing.assert_allclose(kalman.covariance, np.linalg.inv(information), atol=1e-12)
 
-    speed, heading, sv, sh = 1.2, 0.7, 0.2, np.deg2rad(2)
-    kalman.update_speed(speed, heading, sv, sh)
+    speed, heading, sigma_v, sigma_theta = 1.2, 0.7, 0.2, np.deg2rad(2)
+    kalman.update_speed(speed, heading, sigma_v, sigma_theta)
     along, across = (
         np.array([np.sin(heading), np.cos(heading)]),
         np.array([np.cos(heading), -np.sin(heading)]),
     )
-    noise = sv**2 * np.outer(along, along) + (speed * sh) ** 2 * np.outer(across, across)
+    noise = sigma_v**2 * np.outer(along, along) + (speed * sigma_theta) ** 2 * np.outer(
+        across, across
+    )
     weight = H_VELOCITY.T @ np.linalg.inv(noise)
-    prior = information
-    information = prior + weight @ H_VELOCITY
-    x = np.linalg.solve(information, prior @ x + weight @ (speed * along))
+    prior_information = information
+    information = prior_information + weight @ H_VELOCITY
+    x = np.linalg.solve(information, prior_information @ x + weight @ (speed * along))
     np.testing.assert_allclose(kalman.state, x)
     np.testing.assert_allclose(kalman.covariance, np.linalg.inv(information), atol=1e-12)
 
@@ -90,23 +96,23 @@ def test_a_hundred_steps_are_those_of_filterpy() -> None:
     start = np.array([3.0, -2.0, 0.4, 0.9])
     sigma0 = np.array([0.5, 0.5, 0.1, 0.1])
     kalman = Filter(0.1, start, sigma0)
-    other = KalmanFilter(dim_x=4, dim_z=2)
-    other.x = start.copy()
-    other.P = np.diag(sigma0**2)
+    expected = KalmanFilter(dim_x=4, dim_z=2)
+    expected.x = start.copy()
+    expected.P = np.diag(sigma0**2)
     for k in range(100):
         sigma_a, dt = rng.uniform(0.01, 2.0), rng.uniform(0.05, 0.5)
         gain = np.kron([[0.5 * dt * dt], [dt]], np.eye(2))
         kalman.predict(sigma_a, dt)
-        other.predict(F=np.eye(4) + dt * np.eye(4, k=2), Q=sigma_a**2 * gain @ gain.T)
+        expected.predict(F=np.eye(4) + dt * np.eye(4, k=2), Q=sigma_a**2 * gain @ gain.T)
         if k % 5 == 0:
-            place, sigma = rng.normal(0.0, 3.0, 2), rng.uniform(0.05, 1.0)
-            kalman.update_position(tuple(place), sigma)
-            other.update(place, R=sigma**2 * np.eye(2), H=H_POSITION)
+            fix, sigma = rng.normal(0.0, 3.0, 2), rng.uniform(0.05, 1.0)
+            kalman.update_position(tuple(fix), sigma)
+            expected.update(fix, R=sigma**2 * np.eye(2), H=H_POSITION)
         speed, heading = rng.uniform(0.3, 2.0), rng.uniform(-np.pi, np.pi)
         along = np.array([np.sin(heading), np.cos(heading)])
         across = np.array([np.cos(heading), -np.sin(heading)])
         noise = 0.1**2 * np.outer(along, along) + (0.03 * speed) ** 2 * np.outer(across, across)
         kalman.update_speed(speed, heading, 0.1, 0.03)
-        other.update(speed * along, R=noise, H=H_VELOCITY)
-        np.testing.assert_allclose(kalman.state, other.x, rtol=1e-11, atol=1e-12)
-        np.testing.assert_allclose(kalman.covariance, other.P, rtol=1e-11, atol=1e-14)
+        expected.update(speed * along, R=noise, H=H_VELOCITY)
+        np.testing.assert_allclose(kalman.state, expected.x, rtol=1e-11, atol=1e-12)
+        np.testing.assert_allclose(kalman.covariance, expected.P, rtol=1e-11, atol=1e-14)

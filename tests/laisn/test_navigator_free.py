@@ -1,4 +1,4 @@
-"""Filter steps of their own length, transmitters anywhere, and ranges that arrive alone: LAISN."""
+"""LAISN with steps of any length, transmitters at any positions, and single ranges."""
 
 from dataclasses import replace
 
@@ -19,10 +19,8 @@ from laisn.settings import VARIANTS, NavigationSettings, Tuning, Variant
 from tests.laisn.passages import BEACONS, SETTINGS, START, passage
 from tests.synthetic import bits
 
-angle = st.floats(-3.0, 3.0)
-
-
-length = st.floats(0.0, 500.0)
+ANGLE = st.floats(-3.0, 3.0)
+LENGTH = st.floats(0.0, 500.0)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -42,23 +40,23 @@ def test_steps_of_any_length_recover_the_truth(variant: Variant) -> None:
     random = np.random.default_rng(5)
     durations = random.uniform(0.3, 0.7, 400)
     durations[[50, 222]] = 6.0
-    measurements, place = passage(durations)
+    measurements, truth = passage(durations)
     estimates = Navigator(replace(SETTINGS, variant=variant), START).run(measurements)
-    assert np.abs(estimates.state[:, :2] - place[1:]).max() < 1e-6
+    assert np.abs(estimates.state[:, :2] - truth[1:]).max() < 1e-6
     assert not np.isin(estimates.fix_kind, (FixKind.LOST, FixKind.GATED)).any()
 
 
 def test_a_longer_step_is_predicted_as_so_many_shorter_ones() -> None:
     """Two steps without process noise are one of twice the length."""
-    once, twice = (
+    one_step, two_steps = (
         Filter(0.5, np.array([1.0, 2.0, 3.0, 4.0]), np.array([1.0, 2.0, 0.5, 0.25]))
         for _ in range(2)
     )
-    once.predict(0.0, 1.0)
-    twice.predict(0.0)
-    twice.predict(0.0)
-    np.testing.assert_allclose(once.state, twice.state, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(once.covariance, twice.covariance, rtol=0, atol=1e-12)
+    one_step.predict(0.0, 1.0)
+    two_steps.predict(0.0)
+    two_steps.predict(0.0)
+    np.testing.assert_allclose(one_step.state, two_steps.state, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(one_step.covariance, two_steps.covariance, rtol=0, atol=1e-12)
 
 
 def test_process_noise_grows_with_the_length_of_the_step() -> None:
@@ -68,7 +66,7 @@ def test_process_noise_grows_with_the_length_of_the_step() -> None:
     np.testing.assert_allclose(np.diag(filter_.covariance), [36.0, 36.0, 36.0, 36.0])
 
 
-def test_the_gate_opens_with_the_time_that_went_by() -> None:
+def test_the_gate_opens_with_the_time_since_the_last_fix() -> None:
     gate = Gate(Tuning.of(NavigationSettings(dt=0.1, follower_speed_max=3.0)), Point(0.0, 0.0))
     gate.lengthen(4.9)
     assert gate.bound(2, 1.0) == pytest.approx(3.0 * 5.1)
@@ -84,7 +82,7 @@ def test_absurd_durations_are_refused(duration: float) -> None:
         passage(np.full(400, duration))
 
 
-@given(heading=angle, pitch=angle, roll=angle, baseline=length, offset=length)
+@given(heading=ANGLE, pitch=ANGLE, roll=ANGLE, baseline=LENGTH, offset=LENGTH)
 def test_places_on_a_body_are_those_of_transmitters_on_a_hull(
     heading: float, pitch: float, roll: float, baseline: float, offset: float
 ) -> None:
@@ -101,7 +99,7 @@ def test_places_on_a_body_are_those_of_transmitters_on_a_hull(
     )
 
 
-@given(heading=angle, pitch=angle, roll=angle)
+@given(heading=ANGLE, pitch=ANGLE, roll=ANGLE)
 def test_a_body_is_turned_as_a_whole(heading: float, pitch: float, roll: float) -> None:
     """Right-handed: forward, port and up stay at right angles, and level, up is up."""
     east, north, depth = (place_on_body((0, 0, 0), (heading, pitch, roll), np.eye(3))).T
@@ -113,31 +111,31 @@ def test_a_body_is_turned_as_a_whole(heading: float, pitch: float, roll: float) 
     )
 
 
-def test_offsets_from_a_leader_are_places_in_its_messages() -> None:
+def test_offsets_from_a_leader_are_equivalent_to_positions_in_its_messages() -> None:
     """A ship that lies still and heads east: forward is east, port is north."""
     measurements, _ = passage(None)
     turned = measurements.message.copy()
     turned[:, 3] = np.pi / 2
     offsets = tuple((east, north, -depth) for east, north, depth in BEACONS.tolist())
-    changed = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
+    by_positions = Navigator(SETTINGS, START).run(replace(measurements, message=turned))
     settings = replace(SETTINGS, transmitter_offsets=offsets)
-    placed = Navigator(settings, START).run(
+    by_offsets = Navigator(settings, START).run(
         replace(measurements, message=turned, transmitters=None)
     )
-    np.testing.assert_allclose(placed.state, changed.state, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(by_offsets.state, by_positions.state, rtol=0, atol=1e-9)
 
 
-def test_two_beacons_are_enough_and_a_third_without_a_place_is_not_used() -> None:
-    measurements, place = passage(None)
+def test_two_beacons_are_enough_and_a_third_without_a_position_is_not_used() -> None:
+    measurements, truth = passage(None)
     # heading north: forward is north, port is west
     offsets = tuple((north, -east, -depth) for east, north, depth in BEACONS[:2].tolist())
     changed = replace(SETTINGS, variant="laisn-3-2", transmitter_offsets=offsets)
     estimates = Navigator(changed, START).run(replace(measurements, transmitters=None))
-    assert np.abs(estimates.state[:, :2] - place[1:]).max() < 1e-6
+    assert np.abs(estimates.state[:, :2] - truth[1:]).max() < 1e-6
     assert set(estimates.fix_kind.tolist()) == {FixKind.TWO_POINTS}
 
 
-def free(*radius: float) -> RangeCircles:
+def circles_of_beacons(*radius: float) -> RangeCircles:
     """Beacons at 0 and 100 m east, the third between them and aside."""
     centres = Point(0.0, 0.0), Point(100.0, 0.0), Point(50.0, 1.0)
     return RangeCircles(Circles(*map(Circle, centres, radius)), sin_cos_of(0.0), 0.0, off_hull=True)
@@ -155,8 +153,8 @@ def free(*radius: float) -> RangeCircles:
 def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(
     rear: float, front: float, east: float
 ) -> None:
-    """The paper's point dead astern, −40 m in the first case, would be 81 m off."""
-    received = free(rear, front, np.nan)
+    """By hand; the paper's point dead astern, at −40 m in the first case, would be 81 m off."""
+    received = circles_of_beacons(rear, front, np.nan)
     actual = received.fix(received.pairs()[0], Point(41.0, 1.0), Tuning.of(NavigationSettings()))
     np.testing.assert_allclose((actual.east, actual.north), (east, 0.0), atol=1e-6)
     assert actual.kind == FixKind.ASTERN
@@ -165,13 +163,15 @@ def test_where_circles_of_beacons_miss_each_other_the_fix_lies_midway(
 def test_one_range_moves_the_prediction_onto_its_circle_along_the_line_of_sight() -> None:
     predicted = Point(130.0, 40.0)
     # from (100, 0) towards (130, 40): 50 m of 50 m
-    whole, half = (one_range(free(np.nan, r, 3.0).circles, predicted) for r in (50.0, 25.0))
-    assert whole is not None
-    assert half is not None
-    np.testing.assert_allclose(whole[0], (130.0, 40.0))
-    np.testing.assert_allclose(half, ((115.0, 20.0), (0.6, 0.8)))
-    assert one_range(free(np.nan, np.nan, np.nan).circles, Point(1.0, 1.0)) is None
-    assert one_range(free(3.0, np.nan, np.nan).circles, Point(0.0, 0.0)) is None
+    on_the_circle, inside = (
+        one_range(circles_of_beacons(np.nan, r, 3.0).circles, predicted) for r in (50.0, 25.0)
+    )
+    assert on_the_circle is not None
+    assert inside is not None
+    np.testing.assert_allclose(on_the_circle[0], (130.0, 40.0))
+    np.testing.assert_allclose(inside, ((115.0, 20.0), (0.6, 0.8)))
+    assert one_range(circles_of_beacons(np.nan, np.nan, np.nan).circles, Point(1.0, 1.0)) is None
+    assert one_range(circles_of_beacons(3.0, np.nan, np.nan).circles, Point(0.0, 0.0)) is None
 
 
 @given(seed=st.integers(0, 2**32 - 1), sigma=st.floats(0.01, 10.0))
@@ -200,48 +200,48 @@ def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> No
     """With a log that reads a tenth too much, one beacon keeps the distance right; the paper
     drifts off it.
     """
-    measurements, place = passage(None, lost=(1, 2))
+    measurements, truth = passage(None, lost=(1, 2))
     fast = replace(measurements, speed=np.full(400, 1.1))
-    distance = np.linalg.norm(np.column_stack([place[1:], np.full(400, 9.0)]) - BEACONS[0], axis=1)
+    distance = np.linalg.norm(np.column_stack([truth[1:], np.full(400, 9.0)]) - BEACONS[0], axis=1)
 
-    def worst(use: bool) -> tuple[float, set[int]]:
-        estimates = Navigator(replace(SETTINGS, variant=variant, use_single_range=use), START).run(
-            fast
-        )
-        followed = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
-        off = np.linalg.norm(followed - BEACONS[0], axis=1) - distance
-        return float(np.abs(off[measurements.message_step - 1]).max()), set(
+    def largest_error_and_kinds(use_single_range: bool) -> tuple[float, set[int]]:
+        estimates = Navigator(
+            replace(SETTINGS, variant=variant, use_single_range=use_single_range), START
+        ).run(fast)
+        estimated = np.column_stack([estimates.state[:, :2], np.full(400, 9.0)])
+        error = np.linalg.norm(estimated - BEACONS[0], axis=1) - distance
+        return float(np.abs(error[measurements.message_step - 1]).max()), set(
             estimates.fix_kind.tolist()
         )
 
-    assert worst(use=False)[1] == {FixKind.LOST}
-    assert worst(use=False)[0] > 10.0
-    assert worst(use=True)[1] == {FixKind.ONE_RANGE}
+    assert largest_error_and_kinds(use_single_range=False)[1] == {FixKind.LOST}
+    assert largest_error_and_kinds(use_single_range=False)[0] > 10.0
+    assert largest_error_and_kinds(use_single_range=True)[1] == {FixKind.ONE_RANGE}
     # the speed update that follows the range moves the estimate by what a step's speeds differ
-    assert worst(use=True)[0] < 0.1
+    assert largest_error_and_kinds(use_single_range=True)[0] < 0.1
 
 
-def test_one_range_alone_does_not_close_the_gate_on_the_way_across() -> None:
+def test_single_ranges_do_not_narrow_the_gate_across_the_line_of_sight() -> None:
     navigator = Navigator(
         replace(SETTINGS, use_single_range=True, dt=1.0), np.array([0.0, 100.0, 0.0, 0.0])
     )
     message = LeaderMessage(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     for _ in range(10):
-        alone = Reception(message, Ranges(100.0, np.nan, np.nan), np.zeros((3, 3)))
-        assert navigator.step(OwnMotion(1.0, 0.0, 0.0), alone)[0].kind is FixKind.ONE_RANGE
-    # 20 m aside is farther than 3 m/s carry in the last second, and not than in all eleven
-    places = np.array([[0.0, 0, 0], [100.0, 0, 0], [np.nan] * 3])
-    there = np.array([20.0, np.sqrt(100.0**2 - 20.0**2)])
-    ranges = np.linalg.norm(there - places[:, :2], axis=1)
+        reception = Reception(message, Ranges(100.0, np.nan, np.nan), np.zeros((3, 3)))
+        assert navigator.step(OwnMotion(1.0, 0.0, 0.0), reception)[0].kind is FixKind.ONE_RANGE
+    # 20 m aside is more than 3 m/s allow in one second, and less than in all eleven
+    beacons = np.array([[0.0, 0, 0], [100.0, 0, 0], [np.nan] * 3])
+    position = np.array([20.0, np.sqrt(100.0**2 - 20.0**2)])
+    ranges = np.linalg.norm(position - beacons[:, :2], axis=1)
     kind = navigator.step(
-        OwnMotion(1.0, 0.0, 0.0), Reception(message, Ranges(*ranges.tolist()), places)
+        OwnMotion(1.0, 0.0, 0.0), Reception(message, Ranges(*ranges.tolist()), beacons)
     )[0].kind
     assert kind is FixKind.TWO_POINTS
-    np.testing.assert_allclose(navigator.state[:2], there, atol=0.1)
+    np.testing.assert_allclose(navigator.state[:2], position, atol=0.1)
 
 
-def test_compiled_refuse_unknown_settings() -> None:
-    far = replace(SETTINGS, transmitter_offsets=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
-    for settings in (replace(SETTINGS, use_single_range=True), far):
+def test_lanes_refuse_settings_for_single_vehicles() -> None:
+    with_offsets = replace(SETTINGS, transmitter_offsets=((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
+    for settings in (replace(SETTINGS, use_single_range=True), with_offsets):
         with pytest.raises(LaisnError, match="for single vehicles and their logs"):
             tuning(settings)
