@@ -11,7 +11,7 @@ from experiments.flight.library import load_scenario
 from laisn.arrays import Floats, records
 from laisn.swarm import ESTIMATE, READING
 from reports.summary import summarise
-from sim.closed_loop import ClosedLoop, PythonClosedLoop, simulate_closed_loop
+from sim.closed_loop import simulate_closed_loop
 from sim.control.follower import (
     FOLLOWER_MEMORY,
     Senses,
@@ -38,20 +38,24 @@ from sim.trajectory import Trajectory
 from sim.trial import trial
 from tests.synthetic import message, record
 
-PLACES = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
+STATIONS = [(5.0, 10.0, 11.0), (20.0, 0.0, 12.0), (15.0, -30.0, 13.0)]
+"""Distances behind the leader and to its port, and depths [m]."""
 
 
 def mission(
-    *, duration: float = 40.0, places: list[tuple[float, float, float]] = PLACES, **tables: object
+    *,
+    duration: float = 40.0,
+    stations: list[tuple[float, float, float]] = STATIONS,
+    **tables: object,
 ) -> Scenario:
-    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
+    """Followers on stations behind the default leader."""
+    followers = [
+        {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
+        for behind, port, depth in stations
+    ]
     return validate(
         {"name": "stations", "duration_s": duration, "followers": followers, **tables}, "test"
     )
-
-
-def flown(scenario: Scenario) -> tuple[Trajectory, ClosedLoop | PythonClosedLoop]:
-    return simulate_closed_loop(scenario)
 
 
 NOISY = {
@@ -84,16 +88,16 @@ NOISY = {
 
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1", "laisn-3-2"])
-def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) -> None:
-    """LAISN's lanes and its readable navigator agree to rounding; see also test_lanes."""
+def test_navigation_after_the_mission_gives_the_estimates_that_steered_it(variant: str) -> None:
+    """LAISN's compiled lanes and its readable navigator agree to rounding; see also test_lanes."""
     scenario = mission(navigation={"variant": variant}, **NOISY)
-    trajectory, controller = flown(scenario)
+    trajectory, controller = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory)
     lost = np.isnan(flight.measurements[0].ranges).all(axis=1)
     assert 2 < lost.sum() < 38
     for i, estimates in enumerate(flight.estimates):
-        steered = controller.state.concluded.state[i, :, :2]
-        np.testing.assert_allclose(steered, estimates.state[:, :2], rtol=0, atol=1e-9)
+        estimated_in_flight = controller.state.concluded.state[i, :, :2]
+        np.testing.assert_allclose(estimated_in_flight, estimates.state[:, :2], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -104,9 +108,11 @@ def test_the_finished_mission_gives_the_estimates_that_steered_it(variant: str) 
         {"known_start": False},
     ],
 )
-def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, object]) -> None:
+def test_the_tight_navigator_steers_by_the_estimates_of_navigation_after_the_mission(
+    assume: dict[str, object],
+) -> None:
     scenario = mission(navigation={"variant": "tight", "assume": assume}, **NOISY)
-    trajectory, controller = flown(scenario)
+    trajectory, controller = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory)
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_array_equal(
@@ -114,9 +120,9 @@ def test_the_tight_navigator_steers_by_the_very_estimates(assume: dict[str, obje
         )
 
 
-def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
+def test_readings_in_flight_are_those_of_measurements_after_the_mission() -> None:
     scenario = mission(**NOISY)
-    trajectory, controller = flown(scenario)
+    trajectory, controller = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory)
     for i, measured in enumerate(flight.measurements):
         last = np.array([measured.speed[-1], measured.heading[-1], measured.depth[-1]])
@@ -127,12 +133,12 @@ def test_what_is_sensed_under_way_is_what_is_measured_afterwards() -> None:
         )
 
 
-def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
-    """LAISN-2 takes the message up with the second ping; the third one follows 0.2 s later."""
+def test_laisn_2_does_not_receive_the_third_ping_that_comes_after_its_window() -> None:
+    """It receives the message with the second ping; the third one follows 0.2 s later."""
     scenario = mission(
         navigation={"variant": "laisn-2"}, acoustics={"ping_slot_s": 0.2}, duration=5.0
     )
-    trajectory, controller = flown(scenario)
+    trajectory, controller = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory)
     assert np.isnan(controller.state.inbox.ranges[:, 2]).all()
     for i, measured in enumerate(flight.measurements):
@@ -141,17 +147,17 @@ def test_a_ping_that_is_not_waited_for_comes_too_late() -> None:
         )
 
 
-def test_stations_are_kept_where_sound_takes_its_time() -> None:
-    sound = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
-    scenario = mission(navigation={"variant": "tight"}, acoustics=sound)
-    trajectory, controller = flown(scenario)
+def test_stations_are_kept_with_travel_times_of_sound() -> None:
+    acoustics = {"travel_time": True, "sound_speed_profile": [[0.0, 1500.0], [20.0, 1500.1]]}
+    scenario = mission(navigation={"variant": "tight"}, acoustics=acoustics)
+    trajectory, controller = simulate_closed_loop(scenario)
     flight = navigate(scenario, trajectory)
     assert (flight.measurements[0].message_step % 10 == 1).all()
     for i, estimates in enumerate(flight.estimates):
         np.testing.assert_allclose(
             controller.state.concluded.state[i, :, :2], estimates.state[:, :2], rtol=0, atol=1e-9
         )
-    # the worst station of those that receive at once is allowed as much
+    # the largest error of a station is bounded as without travel times
     assert (
         np.sqrt(np.mean(off_station(MotionSettings.of(scenario), trajectory) ** 2, axis=0)).max()
         < 0.6
@@ -159,67 +165,73 @@ def test_stations_are_kept_where_sound_takes_its_time() -> None:
 
 
 def test_the_noise_of_a_run_does_not_depend_on_other_vehicles() -> None:
-    alone, controller = flown(mission(places=PLACES[:1]))
-    among, controllers = flown(mission())
+    alone, controller = simulate_closed_loop(mission(stations=STATIONS[:1]))
+    with_others, controllers = simulate_closed_loop(mission())
     np.testing.assert_array_equal(controller.state.readings[0], controllers.state.readings[0])
-    np.testing.assert_array_equal(alone.position[:, 1], among.position[:, 1])
+    np.testing.assert_array_equal(alone.position[:, 1], with_others.position[:, 1])
 
 
-CROSSING = [(20.0, 6.0, 12.0), (20.0, -6.0, 12.0)]
+CROSSING_STATIONS = [(20.0, 6.0, 12.0), (20.0, -6.0, 12.0)]
 
 
 def crossing(**formation: object) -> Scenario:
     """Two followers of one layer, each of which starts where the other one's station is, 12 m away.
 
-    They close up at 0.9 m/s, which pushes of 0.8 m/s each undo.
+    They approach each other at 0.9 m/s; avoidance speeds of 0.8 m/s each prevent that.
     """
     followers = [
-        {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "start_m": [-s, -y]}
-        for s, y, d in CROSSING
+        {
+            "station": {"behind_m": behind, "port_m": port, "depth_m": depth},
+            "start_m": [-behind, -port],
+        }
+        for behind, port, depth in CROSSING_STATIONS
     ]
-    slow = formation | {"approach_speed_m_s": 0.5}
+    slow_formation = formation | {"approach_speed_m_s": 0.5}
     return validate(
-        {"name": "s", "duration_s": 60.0, "followers": followers, "formation": slow}, "test"
+        {"name": "s", "duration_s": 60.0, "followers": followers, "formation": slow_formation},
+        "test",
     )
 
 
 def test_followers_that_sense_each_other_give_way() -> None:
-    blind, _ = flown(crossing())
-    wary, controller = flown(crossing(proximity={}))
+    without_sensors, _ = simulate_closed_loop(crossing())
+    with_sensors, controller = simulate_closed_loop(crossing(proximity={}))
 
-    def least(trajectory: Trajectory) -> float:
+    def least_distance(trajectory: Trajectory) -> float:
         return float(
             np.hypot(*(trajectory.position[:, 1] - trajectory.position[:, 2])[:, :2].T).min()
         )
 
-    assert least(blind) < 1.0
-    assert least(wary) > 2.0
-    # what they saw at the last look is what the sensor makes of the truth at that instant
-    look_at = np.concatenate([wary.position[-1], wary.quaternion[-1]], axis=1)
-    proximity, seen = Proximity().record(), np.empty_like(controller.state.sightings[0])
+    assert least_distance(without_sensors) < 1.0
+    assert least_distance(with_sensors) > 2.0
+    # the last sightings are those of the sensor at the true poses of that instant
+    last_poses = np.concatenate([with_sensors.position[-1], with_sensors.quaternion[-1]], axis=1)
+    proximity, expected = Proximity().record(), np.empty_like(controller.state.sightings[0])
     for i in range(2):
         sense_neighbours(
             (controller.state.sensors.seed, controller.state.sensors.run),
             proximity,
             600,
             i,
-            look_at,
-            seen,
+            last_poses,
+            expected,
         )
-        np.testing.assert_array_equal(controller.state.sightings[i].tolist(), seen.tolist())
+        np.testing.assert_array_equal(controller.state.sightings[i].tolist(), expected.tolist())
 
 
 def test_a_proximity_sensor_without_detections_changes_nothing() -> None:
-    blind, _ = flown(mission(duration=20.0))
-    wary, _ = flown(mission(duration=20.0, formation={"proximity": {"range_m": 4.0}}))
-    np.testing.assert_array_equal(blind.position, wary.position)
+    without_sensors, _ = simulate_closed_loop(mission(duration=20.0))
+    with_sensors, _ = simulate_closed_loop(
+        mission(duration=20.0, formation={"proximity": {"range_m": 4.0}})
+    )
+    np.testing.assert_array_equal(without_sensors.position, with_sensors.position)
 
 
 def test_the_controller_does_not_use_the_truth() -> None:
-    """It is handed readings, beliefs, messages and a clock: arrays made here, with no vehicle
-    behind them.
+    """It is given readings, estimates, messages and a clock, which are made here without any
+    vehicle.
     """
-    law, memory = Formation().record(), record(FOLLOWER_MEMORY)
+    formation_record, memory = Formation().record(), record(FOLLOWER_MEMORY)
     trail, count, station = (
         records(TRAIL, 50),
         np.zeros(1, dtype=np.int64),
@@ -231,7 +243,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
     init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
     for second in range(1, 31):
         extend_trail(
-            law,
+            formation_record,
             station,
             message(second, 0.0, second, 0.0, 1.0),
             trail,
@@ -239,11 +251,11 @@ def test_the_controller_does_not_use_the_truth() -> None:
             (second, 0.1),
             memory,
         )
-        for tenth in range(10):
-            now = second + 0.1 * tenth
+        for tick in range(10):
+            now = second + 0.1 * tick
             estimate.position = -5.0, now - 20.0
-            wanted, motion = keep_station(
-                law,
+            wanted_motion, motion = keep_station(
+                formation_record,
                 station,
                 Senses(reading, estimate),
                 (trail, count[0]),
@@ -252,8 +264,9 @@ def test_the_controller_does_not_use_the_truth() -> None:
                 reference,
                 NO_PLAN,
             )
-    # on its station by its estimate, it goes on north at the leader's speed, for any sensor biases
-    assert wanted == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
+    # on its station by its estimate, it continues north at the leader's speed in spite of the
+    # biases of its readings
+    assert wanted_motion == pytest.approx((0.0, 0.0, 1.0), abs=1e-6)
     assert (motion.surge, motion.heading) == pytest.approx((1.0, 0.0), abs=1e-6)
     parameters = set(inspect.signature(keep_station).parameters)
     assert parameters == {
@@ -267,17 +280,17 @@ def test_the_controller_does_not_use_the_truth() -> None:
         "plan",
     }
     # avoidance depends on its sensor only, here with a vehicle 2 m ahead
-    seen = records(SIGHTING, 2)
-    seen.range, seen.bearing = (np.nan, 2.0), (np.nan, -0.2)
-    update_avoidance(Proximity().record(), seen, estimate, memory)
+    sightings = records(SIGHTING, 2)
+    sightings.range, sightings.bearing = (np.nan, 2.0), (np.nan, -0.2)
+    update_avoidance(Proximity().record(), sightings, estimate, memory)
     assert set(inspect.signature(update_avoidance).parameters) == {
         "proximity",
         "sightings",
         "estimate",
         "memory",
     }
-    wanted, _ = keep_station(
-        law,
+    wanted_motion, _ = keep_station(
+        formation_record,
         station,
         Senses(reading, estimate),
         (trail, count[0]),
@@ -286,12 +299,14 @@ def test_the_controller_does_not_use_the_truth() -> None:
         reference,
         NO_PLAN,
     )
-    assert wanted[2] < 1.0
+    assert wanted_motion[2] < 1.0
 
 
-def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tuple[Floats, Floats]:
-    """Headings and speeds wanted, and depths, of a follower on its station without further
-    receptions.
+def commands_without_messages(
+    seconds: float, formation: Formation, spread: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Commands of a follower on its station that receives messages for 20 s and then none: heading,
+    rate of turn and speed at each tick, shape (n, 3), and depth, shape (n,).
     """
     law, memory = formation.record(), record(FOLLOWER_MEMORY)
     trail, count, station = (
@@ -331,37 +346,40 @@ def quiet_for(seconds: float, formation: Formation, spread: float = 0.0) -> tupl
     return table[:, :3], table[:, 3]
 
 
-def test_without_messages_it_slows_down_as_its_place_in_the_trail_gets_uncertain() -> None:
-    """σ² = spread² + (0.1 m/s × age)²; full speed while σ is within 3 m, half a metre a second
-    from 6 m on.
+def test_without_messages_a_follower_slows_down_as_its_position_in_the_trail_gets_uncertain() -> (
+    None
+):
+    """σ² = position_sigma² + (0.1 m/s × age)²; full speed up to σ = 3 m, falling to 0.5 m/s at
+    σ = 6 m.
     """
     formation = Formation(
         leader_velocity_sigma_m_s=0.1, max_trail_sigma_m=3.0, message_timeout_s=100.0
     )
-    for spread in (0.0, 2.0, 3.5):
-        wanted, depth = quiet_for(99.0, formation, spread)
-        sigma = np.sqrt(spread**2 + (0.1 * 0.1 * np.arange(990)) ** 2)
-        # hulls gain and lose 0.2 m/s each second; the commands of this one change by less after the
-        # first seconds
+    for position_sigma in (0.0, 2.0, 3.5):
+        wanted_motion, depth = commands_without_messages(99.0, formation, position_sigma)
+        sigma = np.sqrt(position_sigma**2 + (0.1 * 0.1 * np.arange(990)) ** 2)
+        # commands change by 0.2 m/s each second at most; these change by less after two seconds
         expected = 0.5 + 0.5 * np.clip(2.0 - sigma / 3.0, 0.0, 1.0)
-        np.testing.assert_allclose(wanted[20:, 2], expected[20:], rtol=0, atol=0.01)
-        assert wanted[:, 0] == pytest.approx(0.0, abs=0.01)
+        np.testing.assert_allclose(wanted_motion[20:, 2], expected[20:], rtol=0, atol=0.01)
+        assert wanted_motion[:, 0] == pytest.approx(0.0, abs=0.01)
         assert depth == pytest.approx(12.0)
 
 
-def test_after_a_long_silence_it_circles_or_surfaces_or_goes_on() -> None:
-    given = {"leader_velocity_sigma_m_s": 0.1, "message_timeout_s": 120.0}
-    wanted, depth = quiet_for(200.0, Formation(**given))
-    assert wanted[1190, 1] == pytest.approx(0.0, abs=1e-6)
-    assert np.rad2deg(wanted[1300:, 1]) == pytest.approx(4.0)
+def test_after_the_message_timeout_a_follower_circles_or_surfaces_or_continues() -> None:
+    settings = {"leader_velocity_sigma_m_s": 0.1, "message_timeout_s": 120.0}
+    wanted_motion, depth = commands_without_messages(200.0, Formation(**settings))
+    assert wanted_motion[1190, 1] == pytest.approx(0.0, abs=1e-6)
+    assert np.rad2deg(wanted_motion[1300:, 1]) == pytest.approx(4.0)
     assert depth == pytest.approx(12.0)
-    _, depth = quiet_for(200.0, Formation(timeout_action="surface", **given))
+    _, depth = commands_without_messages(200.0, Formation(timeout_action="surface", **settings))
     assert depth[1190] == pytest.approx(12.0)
-    # at 0.2 m/s it is up after a minute
+    # it rises at 0.2 m/s
     assert depth[1300:1305] == pytest.approx(12.0 - 0.2 * (10.0 + 0.1 * np.arange(5)), abs=0.05)
     assert depth[-1] == pytest.approx(0.2)
-    wanted, _ = quiet_for(200.0, Formation(timeout_action="continue", **given))
-    assert wanted[1300:, 2] == pytest.approx(0.5)
+    wanted_motion, _ = commands_without_messages(
+        200.0, Formation(timeout_action="continue", **settings)
+    )
+    assert wanted_motion[1300:, 2] == pytest.approx(0.5)
 
 
 def largest_distances_in_a_dive(**leader: object) -> Floats:
@@ -369,10 +387,10 @@ def largest_distances_in_a_dive(**leader: object) -> Floats:
     40 m in 150 s, shape (3,), [m].
     """
     dive = {"depth_profile": [[0, 5], [30, 5], [180, 40]], **leader}
-    places = [(10.0, -20.0, 12.0), (15.0, 30.0, 13.0), (30.0, 0.0, 14.0)]
+    stations = [(10.0, -20.0, 12.0), (15.0, 30.0, 13.0), (30.0, 0.0, 14.0)]
     tables = {"leader": dive, "ocean": {"floor_depth_m": 60.0}, "navigation": {"variant": "tight"}}
-    scenario = mission(duration=200.0, places=places, **tables)
-    trajectory, _ = flown(scenario)
+    scenario = mission(duration=200.0, stations=stations, **tables)
+    trajectory, _ = simulate_closed_loop(scenario)
     return off_station(
         MotionSettings.of(scenario),
         trajectory,
@@ -386,29 +404,33 @@ def test_a_formation_follows_a_leader_that_dives() -> None:
 
 
 def test_without_its_attitude_a_leader_that_dives_shifts_its_formation() -> None:
-    """A follower takes the axis of the transmitters as level.
+    """A follower takes the axis of the transmitters as horizontal.
 
-    At pitch θ it has the difference of its ranges for that of a place Δz sin θ farther along the
-    axis. The leader dives at 35 m in 150 s and 1 m/s, at last 28 m below the uppermost follower.
-    Astern that is no place: at last the difference says 35 m behind, where the ranges leave 30 m.
-    How far off that follower goes depends on which of the two its navigator doubts.
+    At pitch θ the difference of its ranges is that of a position Δz sin θ farther along the axis.
+    The leader dives by 35 m in 150 s at 1 m/s, in the end to 28 m below the uppermost follower.
+    The follower astern is left out: there the difference gives 35 m behind and the ranges at most
+    30 m, and its error depends on which of the two its navigator rejects.
     """
     shift = 28.0 * np.sin(np.arctan(35.0 / 150.0))
-    aside = largest_distances_in_a_dive(broadcast_attitude=False)[:2]
-    assert aside.max() == pytest.approx(shift, rel=0.1)
+    distances_abeam = largest_distances_in_a_dive(broadcast_attitude=False)[:2]
+    assert distances_abeam.max() == pytest.approx(shift, rel=0.1)
 
 
 def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
     """The leader turns at 45 s; messages come at 30 s and at 60 s. Without waypoints followers go
     straight on.
 
-    Stations 5 and 8 m behind are 10 and 7 m beyond the corner at 60 s. By the truth, for errors of
-    dead reckoning to be left out; the bound is that of followers that receive each second.
+    Stations 5 and 8 m behind are 10 and 7 m beyond the corner at 60 s. Followers steer by the
+    truth, without errors of dead reckoning; the bound is that of followers that receive messages
+    each second.
     """
-    places = [(5.0, 10.0, 11.0), (8.0, -9.0, 12.0)]
+    stations = [(5.0, 10.0, 11.0), (8.0, -9.0, 12.0)]
     followers = [
-        {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "guidance_position": "truth"}
-        for s, y, d in places
+        {
+            "station": {"behind_m": behind, "port_m": port, "depth_m": depth},
+            "guidance_position": "truth",
+        }
+        for behind, port, depth in stations
     ]
     leader = {"waypoints": [[0, 0, 0], [45, 45, 0], [105, 45, 60]]}
     largest = []
@@ -427,7 +449,9 @@ def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
         # from 45 s to the second message; before the first one the leader's speed is that of its
         # start
         largest.append(
-            off_station(MotionSettings.of(scenario), flown(scenario)[0])[450:600].max(axis=0)
+            off_station(MotionSettings.of(scenario), simulate_closed_loop(scenario)[0])[
+                450:600
+            ].max(axis=0)
         )
     assert (largest[0] > 5.0).all()
     assert (largest[1] < 0.6).all()
@@ -435,8 +459,11 @@ def test_followers_turn_by_waypoints_received_before_the_turn() -> None:
 
 def test_a_follower_with_true_positions_keeps_its_station_around_the_corner() -> None:
     followers = [
-        {"station": {"behind_m": s, "port_m": y, "depth_m": d}, "guidance_position": "truth"}
-        for s, y, d in PLACES
+        {
+            "station": {"behind_m": behind, "port_m": port, "depth_m": depth},
+            "guidance_position": "truth",
+        }
+        for behind, port, depth in STATIONS
     ]
     leader = {"waypoints": [[0, 0, 0], [60, 60, 0], [160, 60, 100]]}
     scenario = validate(
@@ -444,19 +471,19 @@ def test_a_follower_with_true_positions_keeps_its_station_around_the_corner() ->
     )
     flight, _ = fly(scenario)
     summary = summarise(flight)
-    for row in summary["followers"].values():
-        assert row["station_rms_m"] < 0.15
-        assert row["station_max_m"] < 0.6
-        assert not row["lost"]
-    # on the last leg stations stand where geometry has them: behind the leader, which goes north
-    leader_at = flight.trajectory.position[-1, 0, :2]
+    for follower_summary in summary["followers"].values():
+        assert follower_summary["station_rms_m"] < 0.15
+        assert follower_summary["station_max_m"] < 0.6
+        assert not follower_summary["lost"]
+    # on the last leg, north, the second station is 20 m south of the leader
+    leader_position = flight.trajectory.position[-1, 0, :2]
     station = true_stations(MotionSettings.of(scenario), flight.trajectory)[-1, 1]
     np.testing.assert_allclose(
-        [station.east, station.north], leader_at - np.array([0.0, 20.0]), atol=0.05
+        [station.east, station.north], leader_position - np.array([0.0, 20.0]), atol=0.05
     )
 
 
-def test_it_joins_its_station_from_anywhere() -> None:
+def test_a_follower_joins_its_station_from_a_distant_start() -> None:
     followers = [
         {"station": {"behind_m": 20.0, "port_m": 5.0, "depth_m": 12.0}, "start_m": [-60.0, -30.0]}
     ]
@@ -468,28 +495,31 @@ def test_it_joins_its_station_from_anywhere() -> None:
     }
     flight, _ = fly(validate(table, "test"))
     assert flight.trajectory.position[0, 1, :2] == pytest.approx([-60.0, -30.0])
-    row = summarise(flight)["followers"]["follower"]
-    # 53 m away at 1 m/s nearer
-    assert 35.0 < row["joined_s"] < 100.0
-    assert row["station_max_m"] < 4.0
+    summary = summarise(flight)["followers"]["follower"]
+    # 53 m away, approached at 1 m/s
+    assert 35.0 < summary["joined_s"] < 100.0
+    assert summary["station_max_m"] < 4.0
 
 
 def test_a_follower_on_a_route_is_independent_of_others_on_stations() -> None:
-    """It steers by where it is."""
+    """It steers by its true position."""
     route = {"waypoints": [[0, -10, 5], [12, 0, 8], [30, 12, 20]], "depth_m": 10.0}
     tables: dict[str, object] = {
         "name": "s",
         "duration_s": 20.0,
         "ocean": {"current_speed_m_s": 0.2},
     }
-    among = validate(
+    with_station = validate(
         tables
         | {"followers": [route, {"station": {"behind_m": 5.0, "port_m": 10.0, "depth_m": 12.0}}]},
         "test",
     )
     alone = simulate_motion(validate(tables | {"followers": [route]}, "test"))
     np.testing.assert_allclose(
-        flown(among)[0].position[:, 1], alone.position[:, 1], rtol=0, atol=1e-9
+        simulate_closed_loop(with_station)[0].position[:, 1],
+        alone.position[:, 1],
+        rtol=0,
+        atol=1e-9,
     )
 
 
@@ -562,22 +592,24 @@ def slow_swarm(**leader: object) -> Scenario:
 @pytest.mark.system
 def test_hulls_that_turn_slowly_keep_their_stations_behind_one_that_turns_as_slowly() -> None:
     flight, _ = fly(slow_swarm(model="remus100"))
-    kept = summarise(flight)["followers"].values()
-    assert not any(follower["lost"] for follower in kept)
-    assert max(follower["station_rms_m"] for follower in kept) < 2.0
+    summaries = summarise(flight)["followers"].values()
+    assert not any(follower["lost"] for follower in summaries)
+    assert max(follower["station_rms_m"] for follower in summaries) < 2.0
 
 
 @pytest.mark.system
-def test_behind_a_leader_that_turns_fast_they_are_off_as_far_as_check_says() -> None:
-    """A hull that rounds a corner evenly is 0.3 R from it half way; feedback and slip add to it."""
+def test_behind_a_leader_that_turns_fast_followers_err_by_what_the_trial_states() -> None:
+    """A hull with a turning radius R passes a corner at 0.3 R at least; feedback and slip add to
+    that.
+    """
     scenario = slow_swarm()
     warnings = trial(scenario)
     assert len(warnings) == 10
     flight, _ = fly(scenario)
-    kept = summarise(flight)["followers"]
+    summaries = summarise(flight)["followers"]
     radius = limits_of(hull_of(MotionSettings.of(scenario), scenario.followers[0])).least_radius
     for warning in warnings:
         name, _, text = warning.partition(": ")
         expected = float(text.split("up to ")[1].split(" m off its station")[0])
-        assert kept[name]["station_max_m"] == pytest.approx(expected, rel=0.25)
-        assert kept[name]["station_max_m"] < 0.5 * radius
+        assert summaries[name]["station_max_m"] == pytest.approx(expected, rel=0.25)
+        assert summaries[name]["station_max_m"] < 0.5 * radius

@@ -1,4 +1,4 @@
-"""Missions side by side: each moves as it does alone, to the bit."""
+"""Missions that are simulated side by side: each moves as it does alone, to the bit."""
 
 from collections.abc import Sequence
 
@@ -19,21 +19,22 @@ from sim.trajectory import Trajectory
 RECORDED = ("pose", "twist", "effector_states", "water_velocity")
 
 
-def motion(*settings: str, engine: str = "direct") -> MotionSettings:
+def motion_of(*settings: str, engine: str = "direct") -> MotionSettings:
+    """Motion of 20 s on route T5 with these changes."""
     keys = (f"timing.engine={engine}", "duration_s=20", *settings)
     return MotionSettings.of(load_scenario("T5", keys))
 
 
-def require_equal(aside: Trajectory | None, alone: Trajectory) -> None:
-    assert aside is not None
+def require_equal(actual: Trajectory | None, expected: Trajectory) -> None:
+    assert actual is not None
     for name in RECORDED:
-        np.testing.assert_array_equal(getattr(aside, name), getattr(alone, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), err_msg=name)
 
 
-def varied(model: str = "follower") -> list[MotionSettings]:
+def varied_missions(model: str = "follower") -> list[MotionSettings]:
     """Missions that differ in numbers of every kind."""
     return [
-        motion(
+        motion_of(
             f"followers.0.model={model}",
             f"followers.0.drag_scale={1.0 + 0.1 * i}",
             f"followers.0.thrust_scale={1.0 - 0.05 * i}",
@@ -51,18 +52,18 @@ def varied(model: str = "follower") -> list[MotionSettings]:
 @pytest.mark.system
 @pytest.mark.parametrize("model", ["follower", "remus100", "lauv", "bluerov2_heavy"])
 def test_missions_move_as_each_does_alone(model: str) -> None:
-    motions = varied(model)
-    alone = [simulate_open_loop(each) for each in motions]
+    motions = varied_missions(model)
+    alone = [simulate_open_loop(motion) for motion in motions]
     assert len({trajectory.pose[-1].tobytes() for trajectory in alone}) == 3
-    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
-        require_equal(aside, expected)
+    for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(actual, expected)
 
 
 def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
-    """Seas of every kind of difference, with one that is the same but for its currents."""
+    """Missions whose seas differ in all settings; pairs have the same seed."""
     waves = (f"ocean.waves.kind={kind}", "ocean.waves.components=20")
     return [
-        motion(
+        motion_of(
             *waves,
             f"seed={1 + i // 2}",
             f"ocean.waves.height_m={0.4 + 0.1 * i}",
@@ -80,76 +81,83 @@ def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
 @pytest.mark.system
 @pytest.mark.parametrize("kind", ["regular", "jonswap"])
 def test_missions_in_waves_move_as_each_does_alone(kind: str) -> None:
-    """One of them leaves the water: the surface over it is that of its own waves."""
+    """One of them leaves the water, through the surface of its own waves."""
     motions = in_waves(kind, [9.0, 9.0, 5.0, 0.2])
-    alone = [simulate_open_loop(each) for each in motions]
+    alone = [simulate_open_loop(motion) for motion in motions]
     assert len({trajectory.water_velocity[-1].tobytes() for trajectory in alone}) == 4
-    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
-        require_equal(aside, expected)
+    for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(actual, expected)
 
 
 @pytest.mark.system
 @pytest.mark.parametrize("model", ["follower", "remus100"])
-def test_autopilots_that_differ_in_what_they_do_steer_as_each_does_alone(model: str) -> None:
-    """One along a straight, one that stops, one in a turn that saturates its effectors."""
-    ways = (
+def test_missions_on_different_routes_steer_as_each_does_alone(model: str) -> None:
+    """One straight on, one with a stop, one with turns that saturate its effectors."""
+    routes = (
         "[[0, 0, 0], [60, 80, 0]]",
         "[[0, 0, 0], [20, 20, 0], [60, 20, 0]]",
         "[[0, 0, 0], [15, 30, 0], [35, 36, 30], [60, 0, 30]]",
     )
     settings = ("duration_s=40", f"followers.0.model={model}", "followers.0.route=null")
     motions = [
-        motion(*settings, f"followers.0.waypoints={way}", f"followers.0.excess_buoyancy_n={3 * i}")
-        for i, way in enumerate(ways)
+        motion_of(
+            *settings, f"followers.0.waypoints={route}", f"followers.0.excess_buoyancy_n={3 * i}"
+        )
+        for i, route in enumerate(routes)
     ]
-    alone = [simulate_open_loop(each) for each in motions]
-    straight, _, turning = (np.abs(each.effector_states[:, 1]).max(axis=0) for each in alone)
+    alone = [simulate_open_loop(motion) for motion in motions]
+    straight, _, turning = (
+        np.abs(trajectory.effector_states[:, 1]).max(axis=0) for trajectory in alone
+    )
     assert np.any(turning > 3.0 * straight)
-    for aside, expected in zip(simulate_side_by_side(motions), alone, strict=True):
-        require_equal(aside, expected)
+    for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(actual, expected)
 
 
 @pytest.mark.system
 def test_a_hull_that_leaves_the_water_moves_as_it_does_alone() -> None:
-    """Beside one that does not: its added mass is that of the immersed share."""
-    motions = [motion(f"followers.0.depth_m={depth}") for depth in (0.05, 0.1, 9.0)]
-    for aside, each in zip(simulate_side_by_side(motions), motions, strict=True):
-        require_equal(aside, simulate_open_loop(each))
+    """Beside one that stays immersed: added mass is that of the immersed part."""
+    motions = [motion_of(f"followers.0.depth_m={depth}") for depth in (0.05, 0.1, 9.0)]
+    for actual, motion in zip(simulate_side_by_side(motions), motions, strict=True):
+        require_equal(actual, simulate_open_loop(motion))
 
 
-def test_one_that_ends_early_takes_no_other_with_it() -> None:
-    """It goes below the floor: the others fly on."""
-    sound = motion("ocean.floor_depth_m=12")
-    heavy = motion("ocean.floor_depth_m=12", "leader.excess_buoyancy_n=-100", "leader.depth_m=11")
-    first, grounded, second = simulate_side_by_side([sound, heavy, sound])
+def test_a_mission_that_ends_early_does_not_end_others() -> None:
+    """It ends at the floor; the others continue."""
+    normal = motion_of("ocean.floor_depth_m=12")
+    heavy = motion_of(
+        "ocean.floor_depth_m=12", "leader.excess_buoyancy_n=-100", "leader.depth_m=11"
+    )
+    first, grounded, second = simulate_side_by_side([normal, heavy, normal])
     assert grounded is None
-    require_equal(first, simulate_open_loop(sound))
-    require_equal(second, simulate_open_loop(sound))
+    require_equal(first, simulate_open_loop(normal))
+    require_equal(second, simulate_open_loop(normal))
 
 
-def test_missions_of_one_shape_lie_in_groups() -> None:
-    still = [motion(f"followers.0.drag_scale={1 + 0.01 * i}") for i in range(9)]
-    longer = [motion("duration_s=30") for _ in range(3)]
+def test_missions_with_arrays_of_one_shape_form_groups() -> None:
+    in_still_water = [motion_of(f"followers.0.drag_scale={1 + 0.01 * i}") for i in range(9)]
+    longer = [motion_of("duration_s=30") for _ in range(3)]
     others: Sequence[MotionSettings] = [
-        motion(engine="mujoco"),
-        motion("ocean.waves.kind=regular"),
-        motion("ocean.waves.kind=jonswap"),
-        motion("ocean.waves.kind=jonswap", "ocean.waves.components=50"),
-        motion("motion=kinematic"),
-        motion("followers.0.model=remus100"),
+        motion_of(engine="mujoco"),
+        motion_of("ocean.waves.kind=regular"),
+        motion_of("ocean.waves.kind=jonswap"),
+        motion_of("ocean.waves.kind=jonswap", "ocean.waves.components=50"),
+        motion_of("motion=kinematic"),
+        motion_of("followers.0.model=remus100"),
     ]
-    groups = groups_for_lanes([*still, *longer, *others])
-    # the ninth of the first is left alone
+    groups = groups_for_lanes([*in_still_water, *longer, *others])
+    # a group has eight missions at most, so that the ninth remains alone
     assert groups == [[*range(8)], [9, 10, 11]]
-    rough = [
-        motion("ocean.waves.kind=jonswap", f"seed={i}", f"ocean.waves.height_m={0.2 + 0.1 * i}")
+    in_waves_of_one_kind = [
+        motion_of("ocean.waves.kind=jonswap", f"seed={i}", f"ocean.waves.height_m={0.2 + 0.1 * i}")
         for i in range(3)
     ]
-    assert groups_for_lanes(rough) == [[0, 1, 2]]
-    assert groups_for_lanes(still, most=3) == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+    assert groups_for_lanes(in_waves_of_one_kind) == [[0, 1, 2]]
+    assert groups_for_lanes(in_still_water, most=3) == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
 
 
-def drawn(folder: object, **keys: object) -> StudyResults:
+def results_of_study(folder: object, **keys: object) -> StudyResults:
+    """Results of a study of five drawn motions."""
     study = study_of(
         "T5",
         {
@@ -169,28 +177,29 @@ def drawn(folder: object, **keys: object) -> StudyResults:
 def test_a_study_gives_the_same_in_lanes_and_alone(
     tmp_path: object, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    flown: list[int] = []
+    group_sizes: list[int] = []
     simulate = side_by_side.simulate_side_by_side
 
-    def noted(motions: Sequence[MotionSettings]) -> list[Trajectory | None]:
-        flown.append(len(motions))
+    def recording_simulate(motions: Sequence[MotionSettings]) -> list[Trajectory | None]:
+        group_sizes.append(len(motions))
         return simulate(motions)
 
-    monkeypatch.setattr(campaign.montecarlo, "simulate_side_by_side", noted)
-    in_lanes = drawn(tmp_path / "lanes")  # type: ignore[operator]
-    assert flown == [5]
-    # with all of its cells a motion is not stored; it is flown again where a page needs it
+    monkeypatch.setattr(campaign.montecarlo, "simulate_side_by_side", recording_simulate)
+    in_lanes = results_of_study(tmp_path / "lanes")  # type: ignore[operator]
+    assert group_sizes == [5]
+    # a motion all of whose results are stored is not stored itself; a page that needs it flies it
+    # again
     store = in_lanes.store
     assert not any(store.has(entry.motion_key) for entry in in_lanes.plan.entries)
-    assert drawn(tmp_path / "lanes").rows == in_lanes.rows  # type: ignore[operator]
-    assert flown == [5]
+    assert results_of_study(tmp_path / "lanes").rows == in_lanes.rows  # type: ignore[operator]
+    assert group_sizes == [5]
     assert engines_of(in_lanes.plan) == ["direct"]
     monkeypatch.setattr(side_by_side, "MAX_ALONE", 8)
-    alone = drawn(tmp_path / "alone")  # type: ignore[operator]
-    assert flown == [5]
+    alone = results_of_study(tmp_path / "alone")  # type: ignore[operator]
+    assert group_sizes == [5]
     assert in_lanes.rows == alone.rows
 
-    by_mujoco = drawn(tmp_path / "mujoco", engine="mujoco")  # type: ignore[operator]
+    by_mujoco = results_of_study(tmp_path / "mujoco", engine="mujoco")  # type: ignore[operator]
     assert engines_of(by_mujoco.plan) == ["mujoco"]
     errors, expected = (
         np.array([row["e_p_mean_m"] for row in results.rows]) for results in (alone, by_mujoco)

@@ -19,33 +19,37 @@ from sim.trajectory import StateHistory
 from sim.vehicle.plant import Plant
 
 
-def route(*assignments: str) -> Scenario:
+def steered_by_estimate(*assignments: str) -> Scenario:
+    """A follower that steers along a route by its estimates."""
     return load_scenario(
         "T6", ["duration_s=60", "followers.0.guidance_position=estimate", *assignments]
     )
 
 
 class Recorder:
-    """A controller in Python that leaves control to another one."""
+    """A controller in Python that records its calls and leaves control to another one."""
 
     def __init__(self, plant: Plant, routes: RouteControl) -> None:
-        self.plant, self.routes, self.called, self.poses = plant, routes, [], []  # type: ignore[var-annotated]
+        self.plant, self.routes, self.instants, self.poses = plant, routes, [], []  # type: ignore[var-annotated]
 
     def control(self, k: int, truth: StateHistory) -> None:
-        self.called.append(k)
+        self.instants.append(k)
         self.poses.append((truth.pose[k].copy(), self.plant.pose.copy()))
         self.routes.control(k, truth)
 
 
 def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compiled_one() -> None:
     scenario = load_scenario("T5", ["duration_s=60", "ocean.current_speed_m_s=0.3"])
-    made: list[Recorder] = []
+    recorders: list[Recorder] = []
 
     def make(plant: Plant, routes: RouteControl) -> Recorder:
-        made.append(Recorder(plant, routes))
-        return made[0]
+        recorders.append(Recorder(plant, routes))
+        return recorders[0]
 
-    own, usual = simulate_motion(scenario, make_controller=make), simulate_motion(scenario)
+    by_python, by_compiled = (
+        simulate_motion(scenario, make_controller=make),
+        simulate_motion(scenario),
+    )
     for name in (
         "position",
         "quaternion",
@@ -54,10 +58,10 @@ def test_a_controller_in_python_is_called_at_each_instant_and_flies_as_the_compi
         "water_velocity",
         "effector_states",
     ):
-        np.testing.assert_array_equal(getattr(own, name), getattr(usual, name))
-    assert made[0].called == list(range(601))
-    # what it is handed is the state of the plant at that instant
-    for recorded, true in made[0].poses:
+        np.testing.assert_array_equal(getattr(by_python, name), getattr(by_compiled, name))
+    assert recorders[0].instants == list(range(601))
+    # it is given the state of the plant at that instant
+    for recorded, true in recorders[0].poses:
         np.testing.assert_array_equal(recorded, true)
 
 
@@ -75,31 +79,33 @@ def test_a_command_from_python_holds_until_the_next_instant() -> None:
         def control(self, k: int, truth: StateHistory) -> None:
             self.command[1, 0] = 5.0 if k < 10 else 0.0
 
-    flown = simulate_motion(load_scenario("T5", ["duration_s=3"]), make_controller=Pulse)
-    time, start = flown.time, flown.effector_states[0, 1, 0]
+    trajectory = simulate_motion(load_scenario("T5", ["duration_s=3"]), make_controller=Pulse)
+    time, start = trajectory.time, trajectory.effector_states[0, 1, 0]
     assert start == 0.0
     rise = 5.0 * -np.expm1(-time / lags[0])
     fall = rise[10] * np.exp(-(time - 1.0) / lags[0])
     np.testing.assert_allclose(
-        flown.effector_states[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9
+        trajectory.effector_states[:, 1, 0], np.where(time <= 1.0, rise, fall), rtol=0, atol=1e-9
     )
-    assert not flown.effector_states[:, 0].any()
+    assert not trajectory.effector_states[:, 0].any()
 
 
 @pytest.mark.parametrize("variant", ["laisn-3-1", "tight"])
 def test_navigators_in_python_steer_by_their_estimates(variant: str) -> None:
-    """What steers is what such a navigator estimates on the finished mission; LAISN's flies as
-    the compiled one.
+    """Estimates in flight are those of navigation after the mission; with LAISN the follower moves
+    as with the compiled navigator.
     """
-    scenario = route(f"navigation.variant={variant}", "acoustics.loss_probability=0.2")
-    own, loop = simulate_closed_loop(
+    scenario = steered_by_estimate(
+        f"navigation.variant={variant}", "acoustics.loss_probability=0.2"
+    )
+    by_python, loop = simulate_closed_loop(
         scenario, partial(SeparateNavigators, find(scenario.navigation.variant).make)
     )
-    (estimates,) = navigate(scenario, own).estimates
+    (estimates,) = navigate(scenario, by_python).estimates
     np.testing.assert_array_equal(loop.state.concluded.state[0], estimates.state)
     if variant == "laisn-3-1":
-        usual, _ = simulate_closed_loop(scenario)
-        np.testing.assert_allclose(own.position, usual.position, rtol=0, atol=1e-9)
+        by_compiled, _ = simulate_closed_loop(scenario)
+        np.testing.assert_allclose(by_python.position, by_compiled.position, rtol=0, atol=1e-9)
 
 
 def test_a_navigator_that_fails_is_named_by_its_number_from_one() -> None:
@@ -112,4 +118,4 @@ def test_a_navigator_that_fails_is_named_by_its_number_from_one() -> None:
     with pytest.raises(
         ArithmeticError, match="the covariance of follower 3 is not positive definite"
     ):
-        simulate_closed_loop(route(), lambda *_: Failing())
+        simulate_closed_loop(steered_by_estimate(), lambda *_: Failing())

@@ -1,5 +1,5 @@
-"""Stations on the leader's plan: where the frame does not turn, they are the trail moved aside,
-in closed form.
+"""Stations on the leader's plan, by closed forms: where the frame of the formation does not turn, a
+station's path is the leader's, shifted.
 """
 
 from typing import Any
@@ -14,15 +14,19 @@ from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.settings import Scenario
 from sim.tracking import closest_in_a_layer, closest_stations
 
-LEFT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
+RIGHT_ANGLE_TO_PORT = {"waypoints": [[0, 0, 0], [60, 60, 0], [200, 60, 140]]}
 STRAIGHT = {"waypoints": [[0, 0, 0], [200, 200, 0]]}
-STIFF = {"frame_time_constant_s": 1e6}
+FRAME_WITHOUT_TURN = {"frame_time_constant_s": 1e6}
 
 
 def mission(
-    *places: tuple[float, float, float], leader: object = LEFT, **formation: Any
+    *stations: tuple[float, float, float], leader: object = RIGHT_ANGLE_TO_PORT, **formation: Any
 ) -> Scenario:
-    followers = [{"station": {"behind_m": s, "port_m": y, "depth_m": d}} for s, y, d in places]
+    """Followers on stations by their distances behind and to port, and depths [m]."""
+    followers = [
+        {"station": {"behind_m": behind, "port_m": port, "depth_m": depth}}
+        for behind, port, depth in stations
+    ]
     table = {
         "name": "s",
         "duration_s": 150.0,
@@ -34,33 +38,33 @@ def mission(
 
 
 @pytest.mark.parametrize(
-    ("other", "apart"),
+    ("other_station", "distance"),
     [
-        # as much farther to port as it is farther behind: they meet after the turn to port
+        # Δy = Δs: they meet after the turn to port
         ((20.0, 15.0), 0.0),
         ((20.0, 25.0), 10.0),
         ((18.0, 15.0), 2.0),
-        ((20.0, -5.0), np.hypot(10.0, 10.0)),  # the nearest they are is at rest
+        ((20.0, -5.0), np.hypot(10.0, 10.0)),  # nearest before the turn
     ],
 )
-def test_after_a_right_angle_stations_stand_where_the_way_behind_and_aside_put_them(
-    other: tuple[float, float], apart: float
+def test_after_a_right_angle_stations_are_apart_by_the_difference_of_port_and_behind(
+    other_station: tuple[float, float], distance: float
 ) -> None:
-    """One stands 10 m behind and 5 m to port; on the second leg they are Δy − Δs apart along it,
-    and no way aside.
+    """The first is 10 m behind and 5 m to port. On the second leg both move along one line, and are
+    Δy − Δs apart, by the differences of their distances to port and behind.
     """
     actual = closest_stations(
-        MotionSettings.of(mission((10.0, 5.0, 12.0), (*other, 12.0), **STIFF))
+        MotionSettings.of(mission((10.0, 5.0, 12.0), (*other_station, 12.0), **FRAME_WITHOUT_TURN))
     )
     assert actual is not None
-    assert actual.distance_m == pytest.approx(apart, abs=0.02)
+    assert actual.distance_m == pytest.approx(distance, abs=0.02)
     assert actual.pair == ("followers[0].station", "followers[1].station")
-    if apart < 5.0:
-        # the second one has gone round the corner by then
+    if distance < 5.0:
+        # after the second one has passed the corner
         assert 60.0 + 15.0 < actual.time_s < 60.0 + 30.0
 
 
-def test_on_a_straight_way_they_keep_their_distance() -> None:
+def test_on_a_straight_leg_stations_keep_their_distance() -> None:
     actual = closest_stations(
         MotionSettings.of(
             mission((10.0, 5.0, 12.0), (20.0, 15.0, 12.5), (12.0, 5.0, 13.5), leader=STRAIGHT)
@@ -70,36 +74,44 @@ def test_on_a_straight_way_they_keep_their_distance() -> None:
     assert actual.distance_m == pytest.approx(np.hypot(10.0, 10.0), abs=1e-6)
 
 
-def test_layers_of_their_own_need_no_distance() -> None:
+def test_stations_in_different_layers_have_no_closest_pair() -> None:
     assert (
         closest_stations(MotionSettings.of(mission((10.0, 5.0, 12.0), (20.0, 15.0, 13.0)))) is None
     )
 
 
 def test_the_leader_is_in_a_layer_too() -> None:
-    """At 8 m, by default; 10 m of way round its corner are less as the crow flies.
+    """At 8 m, by default. Its distance to a station 10 m behind along its path is least round the
+    corner.
 
-    Of a quarter of a circle, turned at 10°/s at 1 m/s, and as much straight way before as after it.
+    These 10 m are then a quarter of a circle, turned at 10°/s at 1 m/s, and equal straight lengths
+    before and after it.
     """
     radius = 1.0 / np.deg2rad(10.0)
-    apart = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
+    distance = np.sqrt(2.0) * (radius + 0.5 * (10.0 - 0.5 * np.pi * radius))
     actual = closest_stations(MotionSettings.of(mission((10.0, 0.0, 8.5))))
     assert actual is not None
     assert actual.pair == ("the leader's place", "followers[0].station")
-    assert actual.distance_m == pytest.approx(apart, abs=0.1)
+    assert actual.distance_m == pytest.approx(distance, abs=0.1)
 
 
 @pytest.mark.parametrize("count", [2, 5, 12])
 def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
-    """Twice as far aside as behind, a wing's neighbours at 10 m are 10 (2 − 1) / √5 m apart on
-    the second leg.
+    """Neighbours in a wing are 10 m apart, twice as far aside as behind, and thus
+    10 (2 − 1) / √5 m apart on the second leg.
     """
     shape = {"kind": "v", "count": count, "layer_m": 0.0}
-    formation = {"shape": shape, **STIFF}
+    formation = {"shape": shape, **FRAME_WITHOUT_TURN}
     actual = closest_stations(
         MotionSettings.of(
             validate(
-                {"name": "s", "duration_s": 180.0, "leader": LEFT, "formation": formation}, "t"
+                {
+                    "name": "s",
+                    "duration_s": 180.0,
+                    "leader": RIGHT_ANGLE_TO_PORT,
+                    "formation": formation,
+                },
+                "t",
             )
         )
     )
@@ -111,7 +123,7 @@ def test_wings_of_a_v_do_not_meet_in_a_right_angle(count: int) -> None:
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
     return validate(
-        {"name": "s", "duration_s": 150.0, "leader": LEFT, **table},
+        {"name": "s", "duration_s": 150.0, "leader": RIGHT_ANGLE_TO_PORT, **table},
         "test",
         feasibility.infeasibilities,
     )
@@ -131,25 +143,25 @@ def test_stations_that_meet_in_the_turn_are_refused_unless_followers_give_way() 
 
 
 @pytest.mark.parametrize("ocean", [{}, {"current_speed_m_s": 0.5, "current_direction_deg": 180.0}])
-def test_followers_that_the_plan_lets_give_way_keep_two_metres_apart(
+def test_followers_that_sense_each_other_stay_two_metres_apart_where_stations_meet(
     ocean: dict[str, float],
 ) -> None:
-    """With hardly more range than it takes to brake; without a sensor stations meet within a
-    metre.
+    """With a range of the sensor little above the braking distance; the stations themselves pass
+    each other within a metre.
     """
     with_current = scenario_of(
         {"formation": {"shape": GRID, "proximity": {"range_m": 6.0}}, "ocean": ocean}
     )
     scenario = with_current.model_copy(update={"duration_s": 110.0})
-    planned, (flown, _) = (
+    closest_planned, (trajectory, _) = (
         closest_stations(MotionSettings.of(scenario)),
         simulate_closed_loop(scenario),
     )
-    nearest = closest_in_a_layer(MissionPlan.of(scenario), flown)
-    assert planned is not None
-    assert nearest is not None
-    assert planned.distance_m < 1.0
-    assert 2.0 < nearest.distance_m < 6.0
+    closest_flown = closest_in_a_layer(MissionPlan.of(scenario), trajectory)
+    assert closest_planned is not None
+    assert closest_flown is not None
+    assert closest_planned.distance_m < 1.0
+    assert 2.0 < closest_flown.distance_m < 6.0
 
 
 def test_layers_are_taken_in_turn() -> None:
@@ -160,7 +172,7 @@ def test_layers_are_taken_in_turn() -> None:
 
 
 @pytest.mark.parametrize(
-    ("table", "text"),
+    ("table", "message"),
     [
         (
             {"formation": {"proximity": {"full_avoidance_range_m": 5.0}}},
@@ -189,9 +201,9 @@ def test_layers_are_taken_in_turn() -> None:
         ),
     ],
 )
-def test_impossible_settings_are_reported_before_the_simulation(
-    table: dict[str, Any], text: str
+def test_impossible_settings_of_formations_are_reported_before_the_simulation(
+    table: dict[str, Any], message: str
 ) -> None:
     followers = [{"station": {"behind_m": behind, "depth_m": 10.0}} for behind in (20.0, 30.0)]
-    with pytest.raises(ValueError, match=text):
+    with pytest.raises(ValueError, match=message):
         scenario_of({"followers": followers} | table)

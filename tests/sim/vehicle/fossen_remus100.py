@@ -1,5 +1,6 @@
-"""Fossen's published model of the REMUS 100, from its equations, with each departure from ours as a
-switch.
+"""Fossen's published model of the REMUS 100, from its equations.
+
+Switches replace its terms by those of this project.
 
 Source: T. I. Fossen, Python Vehicle Simulator, `remus100.py` (MIT licence), and Handbook of Marine
 Craft Hydrodynamics and Motion Control, 2nd ed. 2021, Section 8.4.2; coefficients from Allen, Vorus
@@ -16,22 +17,28 @@ from scipy.integrate import solve_ivp
 
 from laisn.arrays import Floats
 
+# density of water [kg/m³], gravity [m/s²], and the hull's dimensions [m]
 RHO, G = 1026.0, 9.81
 LENGTH, DIAMETER = 1.6, 0.19
-CG = 0.02
+CG = 0.02  # of the centre of gravity below the origin [m]
+# area of a fin [m²], lift slopes of rudder and stern plane [1/rad], angle of stall [rad]
 FIN_AREA, RUDDER_LIFT, PLANE_LIFT, STALL = 0.00665, 0.5, 0.7, 0.44
+# the hull as a spheroid: semi-axes [m], mass [kg], moments of inertia [kg m²]
 A, B = LENGTH / 2, DIAMETER / 2
 MASS = 4 / 3 * np.pi * RHO * A * B**2
 IX, IY = 0.4 * MASS * B**2, 0.2 * MASS * (A**2 + B**2)
+# reference area [m²], coefficient of drag without lift, aspect ratio and lift slope of the hull
 AREA = 0.7 * LENGTH * DIAMETER
 DRAG = 0.42 * np.pi * B**2 / AREA
 ASPECT = DIAMETER**2 / AREA
 LIFT = np.pi * ASPECT / (1 + np.sqrt(1 + (ASPECT / 2) ** 2))
 HOERNER = 1.1977304
-"""Of his table, interpolated at B/2T = 0.5."""
+"""Cross-flow drag coefficient of Hoerner's curve, in Fossen's table at B/2T = 0.5."""
 FITTED_RUDDER_LIFT, FITTED_PLANE_LIFT = 1.2, 0.81
-"""Slopes with which fins that feel the flow turn and pitch the hull as his do that feel none."""
-# place, unit vector of a positive deflection, lift coefficient and fitted slope; positive rudder
+"""Lift slopes [1/rad] with which fins in the local flow turn and pitch the hull as Fossen's do,
+whose force depends on the deflection alone.
+"""
+# position, unit vector of a positive deflection, lift coefficient and fitted slope; positive rudder
 # and plane push to port and up
 FINS = (
     ((-A, 0.0, -0.12), (0.0, -1.0, 0.0), RUDDER_LIFT, FITTED_RUDDER_LIFT),
@@ -52,13 +59,13 @@ class Terms:
     axial_advance: bool = False
     """Propeller: advance from the speed along the axis in place of the whole speed."""
     fin_incidence: bool = False
-    """Fins: force from the incidence of the flow where they stand, in place of the deflection
-    alone.
-    """
+    """Fins: force from the incidence of the local flow, in place of the deflection alone."""
     fitted_slope: bool = False
-    """Such fins: with slopes fitted to his turning and pitching, in place of his coefficients."""
+    """Such fins: with slopes fitted to the turning and pitching of Fossen's model, in place of its
+    coefficients.
+    """
     munk: bool = False
-    """Keep the eight Coriolis terms of added mass that are set to zero there."""
+    """Keep the eight Coriolis terms of added mass that Fossen's model sets to zero."""
     steady_damping: bool = False
     """Linear damping in surge and sway that does not fade with the speed."""
 
@@ -67,6 +74,7 @@ OURS = Terms(hull_normal_force=True, axial_advance=True, fin_incidence=True, fit
 
 
 def _lamb() -> Floats:
+    """Added mass of a spheroid by Lamb's factors, shape (6,), [kg] and [kg m²]."""
     e = np.sqrt(1 - (B / A) ** 2)
     log = np.log((1 + e) / (1 - e))
     alpha = 2 * (1 - e**2) / e**3 * (log / 2 - e)
@@ -147,9 +155,9 @@ def _fins(nu: Floats, rudder: float, plane: float, terms: Terms) -> Floats:
         return np.array([ahead, -side * rudder, -up * plane, 0, -A * up * plane, A * side * rudder])
     total = np.zeros(6)
     deflections = rudder, rudder, plane, plane
-    for (place, axis, given, fitted), deflection in zip(FINS, deflections, strict=True):
-        slope = fitted if terms.fitted_slope else given
-        local = nu[:3] + np.cross(nu[3:], place)
+    for (position, axis, published, fitted), deflection in zip(FINS, deflections, strict=True):
+        slope = fitted if terms.fitted_slope else published
+        local = nu[:3] + np.cross(nu[3:], position)
         across = float(local @ axis)
         incidence = np.clip(deflection - np.arctan2(across, local[0]), -STALL, STALL)
         square = local[0] ** 2 + across**2
@@ -157,7 +165,7 @@ def _fins(nu: Floats, rudder: float, plane: float, terms: Terms) -> Floats:
         force = normal * (
             np.cos(deflection) * np.array(axis) - np.sin(deflection) * np.array([1.0, 0.0, 0.0])
         )
-        total += np.concatenate([force, np.cross(place, force)])
+        total += np.concatenate([force, np.cross(position, force)])
     return total
 
 
@@ -192,12 +200,14 @@ def _rate(state: Floats, command: Floats, terms: Terms) -> Floats:
             [-sp, cp * sr, cp * cr],
         ]
     )
-    turning = np.array([[1, sr * sp / cp, cr * sp / cp], [0, cr, -sr], [0, sr / cp, cr / cp]])
+    to_angle_rates = np.array(
+        [[1, sr * sp / cp, cr * sp / cp], [0, cr, -sr], [0, sr / cp, cr / cp]]
+    )
     lag = np.array([0.1, 0.1, 1.0])
     return np.concatenate(
         [
             to_world @ nu[:3],
-            turning @ nu[3:],
+            to_angle_rates @ nu[3:],
             np.linalg.solve(INERTIA, forces),
             (command - state[12:]) / lag,
         ]

@@ -1,6 +1,4 @@
-"""Ten REMUS 100 in a V behind a REMUS 100 that turns as wide as it can turn without leaving its
-route.
-"""
+"""Ten REMUS 100 in a V behind a REMUS 100 on a route with bends that are wide enough for it."""
 
 from typing import Any
 
@@ -18,19 +16,19 @@ angle [rad].
 
 
 def waypoints(corners: int) -> Floats:
-    """100 m straight on, and a bend of so many corners: time [s], east and north [m], shape (n,
-    3).
+    """100 m straight on, and a bend of this number of corners: time [s], east and north [m], shape
+    (corners + 2, 3).
     """
     heading = np.pi / 2 - CORNER * np.arange(corners + 1)
     leg = np.full(corners + 1, 2.0 * RADIUS * np.tan(0.5 * CORNER))
     leg[0] = 100.0
-    way = np.cumsum([leg / SPEED, leg * np.sin(heading), leg * np.cos(heading)], axis=1)
-    return np.vstack([np.zeros(3), way.T])
+    path = np.cumsum([leg / SPEED, leg * np.sin(heading), leg * np.cos(heading)], axis=1)
+    return np.vstack([np.zeros(3), path.T])
 
 
 def table(corners: int) -> dict[str, Any]:
-    """The scenario; nothing of a formation's settings is changed but speeds, for fins need 0.5
-    m/s of way.
+    """The scenario. Of the formation's settings least speeds alone are changed, as fins need
+    0.5 m/s.
     """
     route = waypoints(corners)
     return {
@@ -49,9 +47,12 @@ def table(corners: int) -> dict[str, Any]:
 
 
 def keeping(flight: FlightRecord) -> list[StationKeeping]:
-    """How each follower kept its station."""
-    off = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
-    return [station_keeping(one, flight.trajectory.time) for one in off.T]
+    """Measures of each follower's station keeping."""
+    distance = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
+    return [
+        station_keeping(distance_of_follower, flight.trajectory.time)
+        for distance_of_follower in distance.T
+    ]
 
 
 def depth_rms(flight: FlightRecord) -> float:

@@ -1,4 +1,6 @@
-"""A test tank: one hull from any MJCF in a `Plant` of its own, with thrusters of the test's own."""
+"""A test tank: one hull from any MJCF in a `Plant`, with five thrusters in place of its
+effectors.
+"""
 
 import tempfile
 from pathlib import Path
@@ -44,8 +46,8 @@ class Tank:
                 shape (5, 6).
         """
         root = ElementTree.fromstring(xml)
-        for part in [*root.findall("actuator"), *root.findall("keyframe")]:
-            root.remove(part)
+        for element in [*root.findall("actuator"), *root.findall("keyframe")]:
+            root.remove(element)
         for name, value in (numerics or {}).items():
             numeric = root.find(f"custom/numeric[@name='{name}']")
             assert numeric is not None, name
@@ -56,7 +58,7 @@ class Tank:
         if body.find("site[@name='cg']") is None:
             ElementTree.SubElement(body, "site", name="cg")
         actuators = ElementTree.SubElement(root, "actuator")
-        # a lag, as the plant requires; the tank's thrusts are there at once
+        # the plant requires a lag; `_step` sets thrusts directly, without it
         lag = {
             "dyntype": "filterexact",
             "dynprm": "1",
@@ -146,7 +148,7 @@ class Tank:
 
 def text(value: npt.ArrayLike) -> str:
     """Numbers as MJCF has them, to the last digit."""
-    return " ".join(repr(float(v)) for v in np.ravel(np.asarray(value, dtype=np.float64)))
+    return " ".join(repr(float(number)) for number in np.ravel(np.asarray(value, dtype=np.float64)))
 
 
 def hull(
@@ -156,8 +158,8 @@ def hull(
     sites: str = "",
     **numerics: npt.ArrayLike,
 ) -> str:
-    """MJCF of a bare hull: neutral, ellipsoid-like strips of no area and no drag, unless
-    `numerics` set others.
+    """MJCF of a hull without effectors that is neutral and has, unless `numerics` say otherwise, no
+    added mass, damping, lift or cross-flow drag.
     """
     values: dict[str, npt.ArrayLike] = {
         "added_mass": np.zeros((6, 6)),
@@ -175,7 +177,10 @@ def hull(
         "strip_area": 1,
     }
 
-    lines = [f'<numeric name="{k}" data="{text(v)}"/>' for k, v in (values | numerics).items()]
+    lines = [
+        f'<numeric name="{name}" data="{text(value)}"/>'
+        for name, value in (values | numerics).items()
+    ]
     return f"""<mujoco><worldbody><body name="hull" simple="false"><freejoint/>
       <inertial pos="{text(cg)}" mass="{mass!r}" diaginertia="{text(inertia)}"/>{sites}
       </body></worldbody>

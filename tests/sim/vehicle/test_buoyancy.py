@@ -1,5 +1,6 @@
 """Buoyancy: Archimedes' law in the density of a mission, its centre, and the trim of vehicles."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -56,13 +57,13 @@ def test_inertia_of_the_displaced_water_follows_its_density() -> None:
 
 @pytest.mark.parametrize("density", [1000.0, 1026.0, 1030.0])
 def test_a_hull_left_alone_sinks_or_rises_with_its_excess_weight(density: float) -> None:
-    """In the first instants (B − m g) / (m + A33), with the heave damping of rest left out."""
+    """Speed of (m + A33) dw/dt = B − m g − d w after 0.2 s, with the linear damping alone."""
     plant = plant_of("remus100", density)
     plant.step(np.zeros((1, 5)), 10)
     excess = density * VOLUME["remus100"] * G - 31.0294 * G
     # Fossen's remus100: added mass 29.4376 kg, linear damping 3.02335 N s/m
-    total = 31.0294 + 29.4376
-    speed = excess / 3.02335 * -np.expm1(-3.02335 / total * 0.2)
+    mass_and_added_mass = 31.0294 + 29.4376
+    speed = excess / 3.02335 * -np.expm1(-3.02335 / mass_and_added_mass * 0.2)
     assert plant.twist[0, 2] == pytest.approx(speed, rel=2e-3, abs=1e-9)
 
 
@@ -79,24 +80,30 @@ def test_a_neutral_trim_is_neutral_at_any_density(model: str, density: float) ->
 
 
 def test_excess_buoyancy_does_not_follow_the_density() -> None:
-    fresh = [plant_of("leader", 1000.0, excess_buoyancy_n=n).coefficients[0] for n in (0.0, 7.0)]
-    assert fresh[1]["buoyancy"] - fresh[0]["buoyancy"] == pytest.approx(7.0)
+    coefficients = [
+        plant_of("leader", 1000.0, excess_buoyancy_n=n).coefficients[0] for n in (0.0, 7.0)
+    ]
+    assert coefficients[1]["buoyancy"] - coefficients[0]["buoyancy"] == pytest.approx(7.0)
 
 
 def follower(*numerics: str) -> str:
+    """MJCF of the follower with further numerics."""
     return laisn_sim.hull("follower").replace("</custom>", "".join(numerics) + "</custom>")
 
 
-def test_a_file_without_a_density_is_of_sea_water() -> None:
-    """Files of users that know nothing of densities stay valid; a stated 1026 changes nothing."""
-    stated = follower('<numeric name="buoyancy_density" data="1026"/>')
+def test_the_buoyancy_of_a_file_without_a_density_is_that_in_sea_water() -> None:
+    """Files that state no density stay valid; stating 1026 kg/m³ changes nothing."""
+    with_density = follower('<numeric name="buoyancy_density" data="1026"/>')
     for density in (1000.0, 1026.0):
-        plain = plant_of(laisn_sim.hull("follower"), density)
-        assert plant_of(stated, density).coefficients.tobytes() == plain.coefficients.tobytes()
+        without_density = plant_of(laisn_sim.hull("follower"), density)
+        assert (
+            plant_of(with_density, density).coefficients.tobytes()
+            == without_density.coefficients.tobytes()
+        )
 
 
 @pytest.mark.parametrize(
-    ("numeric", "words"),
+    ("numeric", "message"),
     [
         ('<numeric name="buoyancy_density" data="0"/>', "buoyancy_density must be positive"),
         (
@@ -110,9 +117,8 @@ def test_a_file_without_a_density_is_of_sea_water() -> None:
         ('<numeric name="neutral" data="1"/>', "<numeric name='neutral'> has no meaning"),
     ],
 )
-def test_numerics_of_buoyancy_that_are_wrong_are_named(numeric: str, words: str) -> None:
-    with pytest.raises(LaisnError, match=words):
-        raise LaisnError("\n".join(hull_errors(follower(numeric), "follower")))
+def test_numerics_of_buoyancy_that_are_wrong_are_named(numeric: str, message: str) -> None:
+    assert re.search(message, "\n".join(hull_errors(follower(numeric), "follower")))
 
 
 @pytest.mark.parametrize(
@@ -129,9 +135,11 @@ def test_a_hull_rests_with_its_centre_of_buoyancy_above_that_of_gravity(
     np.testing.assert_allclose(up, [0.0, 0.0, 1.0], atol=1e-4)
 
 
-def test_righting_is_the_same_wherever_the_origin_stands() -> None:
-    """A bare hull without water forces but buoyancy: moving the origin moves both centres."""
-    heads = [
+def test_the_righting_moment_does_not_depend_on_the_origin() -> None:
+    """Moving the origin moves both centres. The moment about the centre of gravity is m g z sin θ,
+    with z = 0.02 m from there to the centre of buoyancy.
+    """
+    plants = [
         plant_of(
             laisn_sim.hull("follower")
             .replace('pos="0 0 -0.02" mass', f'pos="0 0 {-0.02 - shift}" mass')
@@ -143,7 +151,7 @@ def test_righting_is_the_same_wherever_the_origin_stands() -> None:
         for shift in (0.0, 0.05)
     ]
     moments = []
-    for plant in heads:
+    for plant in plants:
         plant.pose[0, 3:] = attitude.from_euler(0.0, np.radians(5.0))
         to_body = np.array(attitude.rotation(plant.pose[0, 3:])).T
         plant.step(np.zeros((1, 5)), 1)
@@ -157,8 +165,8 @@ def test_righting_is_the_same_wherever_the_origin_stands() -> None:
 
 
 def test_water_that_accelerates_carries_a_hull_along_without_turning_it() -> None:
-    """Without drag and added mass a neutral hull moves as the water whose place it takes, if its
-    weight lies in its centre of buoyancy, wherever that is.
+    """Without drag and added mass a neutral hull moves as the water that it displaces, if its
+    centre of gravity is that of buoyancy.
     """
     centre = (0.1, 0.03, 0.05)
     data = " ".join(map(str, centre))
@@ -204,6 +212,6 @@ def test_the_mission_has_the_density_and_the_trim_of_its_scenario(tmp_path: Path
     file.write_text(trimmed.toml(), encoding="utf-8")
     result = CliRunner().invoke(app, ["check", str(file)])
     assert result.exit_code == 0, result.output
-    wrong = CliRunner().invoke(app, ["check", str(file), "--set", "followers.0.trim=light"])
-    assert wrong.exit_code != 0
-    assert "trim" in wrong.output
+    refused = CliRunner().invoke(app, ["check", str(file), "--set", "followers.0.trim=light"])
+    assert refused.exit_code != 0
+    assert "trim" in refused.output

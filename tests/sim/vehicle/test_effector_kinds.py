@@ -45,10 +45,11 @@ from tools.documents.hull_trials import PUBLISHED_BLUEROV, bluerov_speed
 from tools.documents.route_keeping import tracking
 
 RHO = 1026.0
-ADDED = ("remus100", "lauv", "bluerov2_heavy")
+PUBLISHED_VEHICLES = ("remus100", "lauv", "bluerov2_heavy")
 
 
 def plant_of(*names: str, speed: float = 0.0) -> Plant:
+    """Vehicles of these models, 20 m apart at a depth of 10 m."""
     return Plant(
         [
             VehicleSetup(
@@ -63,29 +64,32 @@ def plant_of(*names: str, speed: float = 0.0) -> Plant:
 def record(
     kind: type[EffectorKind],
     axis: tuple[float, float, float],
-    place: tuple[float, float, float],
+    position: tuple[float, float, float],
     *parameters: float,
 ) -> Floats:
-    one = np.zeros(1, EFFECTOR)
-    one["fades"] = kind.fades
-    one["kind"], one["force"], one["place"], one["torque"] = (
+    """The record of an effector, shape (1,)."""
+    effector = np.zeros(1, EFFECTOR)
+    effector["fades"] = kind.fades
+    effector["kind"], effector["force"], effector["place"], effector["torque"] = (
         number_of(kind),
         axis,
-        place,
-        np.cross(place, axis),
+        position,
+        np.cross(position, axis),
     )
-    one["parameters"][0, : len(parameters)] = parameters
-    return one
+    effector["parameters"][0, : len(parameters)] = parameters
+    return effector
 
 
 def flow(v: tuple[float, float, float], w: tuple[float, float, float]) -> HullFlow:
+    """Flow of an upright hull by its velocity [m/s] and angular velocity [rad/s] in the body."""
     return HullFlow(RHO, 9.81, v, w, (0.0, 0.0, 1.0))
 
 
-def load(
-    one: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]
+def effector_load(
+    effector: Floats, state: float, v: tuple[float, float, float], w: tuple[float, float, float]
 ) -> Floats:
-    fitted = Fitted(BUILT_IN, one[None], np.array([[state]]))
+    """Force and moment of one effector that are not thrust, shape (6,), [N] and [N m]."""
+    fitted = Fitted(BUILT_IN, effector[None], np.array([[state]]))
     thrust, torque, force, moment = effectors.effector_wrench(fitted, 0, flow(v, w))
     assert not any((*thrust, *torque))
     return np.array([*force, *moment])
@@ -93,39 +97,40 @@ def load(
 
 @pytest.mark.system
 @pytest.mark.parametrize("angle", [0.0, np.pi / 4, np.pi / 2, 3.0])
-@pytest.mark.parametrize(("u", "spin"), [(1.5, 0.0), (1.5, 0.2), (0.4, -0.1), (-0.8, 0.1)])
+@pytest.mark.parametrize(("u", "turn_rate"), [(1.5, 0.0), (1.5, 0.2), (0.4, -0.1), (-0.8, 0.1)])
 def test_fin_has_the_force_of_a_plate_in_the_flow_at_its_place(
-    angle: float, u: float, spin: float
+    angle: float, u: float, turn_rate: float
 ) -> None:
     """The closed form ½ρ S a U² sin α |cos α| across the chord, from angles instead of
     components.
     """
-    axis, place = (0.0, np.cos(angle), np.sin(angle)), (-0.7, 0.1, -0.05)
+    axis, position = (0.0, np.cos(angle), np.sin(angle)), (-0.7, 0.1, -0.05)
     area, slope, stall, drag, deflection = 0.01, 2.5, 0.4, 0.02, 0.12
-    one = record(Fin, axis, place, area, slope, stall, drag)
-    # the hull slips along the axis; its place moves with w × r
-    w = np.array([0.0, -spin * axis[2], spin * axis[1]])
+    fin = record(Fin, axis, position, area, slope, stall, drag)
+    # the hull moves along the axis too, and the fin with w × r
+    w = np.array([0.0, -turn_rate * axis[2], turn_rate * axis[1]])
     v = np.array([u, 0.05 * axis[1], 0.05 * axis[2]])
-    local = v + np.cross(w, place)
+    local = v + np.cross(w, position)
     along, across = local[0], local @ axis
-    flow, square = np.arctan2(across, along), along**2 + across**2
-    incidence = deflection - flow
+    flow_angle, square = np.arctan2(across, along), along**2 + across**2
+    incidence = deflection - flow_angle
     normal = 0.5 * RHO * area * slope * square * np.sin(incidence) * abs(np.cos(incidence))
-    back = 0.5 * RHO * area * drag * square
-    ahead = -normal * np.sin(deflection) - back * np.cos(flow)
-    aside = normal * np.cos(deflection) - back * np.sin(flow)
-    force = np.array([ahead, *(aside * np.array(axis[1:]))])
-    expected = [*force, *np.cross(place, force)]
+    drag_force = 0.5 * RHO * area * drag * square
+    forward_force = -normal * np.sin(deflection) - drag_force * np.cos(flow_angle)
+    axis_force = normal * np.cos(deflection) - drag_force * np.sin(flow_angle)
+    force = np.array([forward_force, *(axis_force * np.array(axis[1:]))])
+    expected = [*force, *np.cross(position, force)]
     np.testing.assert_allclose(
-        load(one, deflection, tuple(v), tuple(w)), expected, rtol=1e-9, atol=1e-12
+        effector_load(fin, deflection, tuple(v), tuple(w)), expected, rtol=1e-9, atol=1e-12
     )
 
 
 def test_fin_keeps_the_force_of_its_stall_angle() -> None:
-    one = record(Fin, (0, 1, 0), (-0.7, 0, 0), 0.01, 2.5, 0.3, 0.0)
-    still = (0.0, 0.0, 0.0)
+    fin = record(Fin, (0, 1, 0), (-0.7, 0, 0), 0.01, 2.5, 0.3, 0.0)
+    no_turn = (0.0, 0.0, 0.0)
     normal = [
-        np.hypot(*load(one, angle, (1.0, 0.0, 0.0), still)[:2]) for angle in (0.29, 0.3, 0.5, 1.2)
+        np.hypot(*effector_load(fin, angle, (1.0, 0.0, 0.0), no_turn)[:2])
+        for angle in (0.29, 0.3, 0.5, 1.2)
     ]
     assert normal[0] < normal[1]
     np.testing.assert_allclose(
@@ -134,54 +139,55 @@ def test_fin_keeps_the_force_of_its_stall_angle() -> None:
 
 
 def test_a_fixed_fin_is_a_moving_one_that_is_not_deflected() -> None:
-    one = record(Fin, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
+    fin = record(Fin, (0, 0.6, 0.8), (-0.7, 0.1, 0.05), 0.01, 2.5, 0.3, 0.02)
     v, w = (1.2, -0.2, 0.3), (0.1, 0.2, -0.3)
     _, _, force, moment = effectors.effector_wrench(
-        Fitted(BUILT_IN, one[None], np.zeros((1, 0))), 0, flow(v, w)
+        Fitted(BUILT_IN, fin[None], np.zeros((1, 0))), 0, flow(v, w)
     )
-    np.testing.assert_array_equal([*force, *moment], load(one, 0.0, v, w))
+    np.testing.assert_array_equal([*force, *moment], effector_load(fin, 0.0, v, w))
 
 
 def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
     """Against K_T and K_Q over J as printed in Fossen's remus100.py: linear from 0 to 0.6632."""
-    one = plant_of("remus100").effectors[0, :1]
+    propeller = plant_of("remus100").effectors[0, :1]
     u, n, diameter = 1.6, 20.0, 0.14
     advance = 0.944 * u / (n * diameter)
     thrust = np.interp(advance, [0, 0.6632], [0.4566, 0.1798]) * RHO * n**2 * diameter**4
     torque = np.interp(advance, [0, 0.6632], [0.0700, 0.0312]) * RHO * n**2 * diameter**5
-    still = (0.0, 0.0, 0.0)
+    no_turn = (0.0, 0.0, 0.0)
     np.testing.assert_allclose(
-        load(one, n, (u, 0.0, 0.0), still),
+        effector_load(propeller, n, (u, 0.0, 0.0), no_turn),
         [0.9 * thrust, 0, 0, torque / 10, 0, 0],
         rtol=1e-4,
         atol=1e-12,
     )
-    astern = load(one, -n, (u, 0.0, 0.0), still)
+    astern = effector_load(propeller, -n, (u, 0.0, 0.0), no_turn)
     np.testing.assert_allclose(
         astern[[0, 3]],
         [-0.9 * 0.4566 * RHO * n**2 * diameter**4, -0.07 * RHO * n**2 * diameter**5 / 10],
     )
 
 
-@pytest.mark.parametrize("name", ADDED)
+@pytest.mark.parametrize("name", PUBLISHED_VEHICLES)
 @pytest.mark.parametrize("speed", [0.6, 1.2, 2.0])
 def test_states_give_the_requested_forces(name: str, speed: float) -> None:
-    for one in plant_of(name).effectors[0]:
-        low, high = effectors.force_limits(BUILT_IN, one, RHO, speed)
+    for effector in plant_of(name).effectors[0]:
+        low, high = effectors.force_limits(BUILT_IN, effector, RHO, speed)
         for force in np.linspace(low, high, 9):
-            if isinstance(kind_of(one), Propeller) and low < force < 0:
-                continue  # thrust astern jumps: between, the propeller would mill
-            state = effectors.state_for(BUILT_IN, one, RHO, force, speed)
-            assert one["limits"][0] - 1e-9 <= state <= one["limits"][1] + 1e-9
-            still = np.array([one["force"] * 0.0])[0]
-            row = np.array([one], dtype=EFFECTOR)
-            if isinstance(kind_of(one), Thruster):
+            if isinstance(kind_of(effector), Propeller) and low < force < 0:
+                continue  # no state gives these: thrust astern begins with a jump
+            state = effectors.state_for(BUILT_IN, effector, RHO, force, speed)
+            assert effector["limits"][0] - 1e-9 <= state <= effector["limits"][1] + 1e-9
+            no_turn = (0.0, 0.0, 0.0)
+            record_of_one = np.array([effector], dtype=EFFECTOR)
+            if isinstance(kind_of(effector), Thruster):
                 assert state == force
             else:
-                given = load(row, state, (speed, 0.0, 0.0), tuple(still))[:3] @ one["force"]
+                load = effector_load(record_of_one, state, (speed, 0.0, 0.0), no_turn)
+                actual = load[:3] @ effector["force"]
                 # fins: the law is linear in the deflection; cubic terms are left out
-                assert given == pytest.approx(
-                    force, rel=0.16 if isinstance(kind_of(one), Fin) else 1e-6, abs=1e-9
+                assert actual == pytest.approx(
+                    force, rel=0.16 if isinstance(kind_of(effector), Fin) else 1e-6, abs=1e-9
                 )
 
 
@@ -189,14 +195,17 @@ def test_dead_zone_and_unequal_limits_of_a_curve() -> None:
     """A curve with a dead zone is read, holds beyond its ends and is inverted outside the dead
     zone.
     """
-    one = record(CurveThruster, (1, 0, 0), (0, 0, 0))
-    one["points"], one["limits"] = 4, (-1.0, 1.0)
-    one["curve"][0, :4] = [[-1, -40], [-0.1, 0], [0.1, 0], [1, 50]]
-    still = (0.0, 0.0, 0.0)
-    thrusts = [load(one, state, still, still)[0] for state in (-2.0, -0.55, 0.0, 0.05, 0.55, 3.0)]
+    thruster = record(CurveThruster, (1, 0, 0), (0, 0, 0))
+    thruster["points"], thruster["limits"] = 4, (-1.0, 1.0)
+    thruster["curve"][0, :4] = [[-1, -40], [-0.1, 0], [0.1, 0], [1, 50]]
+    at_rest = (0.0, 0.0, 0.0)
+    thrusts = [
+        effector_load(thruster, state, at_rest, at_rest)[0]
+        for state in (-2.0, -0.55, 0.0, 0.05, 0.55, 3.0)
+    ]
     np.testing.assert_allclose(thrusts, [-40, -20, 0, 0, 25, 50])
     states = [
-        effectors.state_for(BUILT_IN, one[0], RHO, force, 0.0)
+        effectors.state_for(BUILT_IN, thruster[0], RHO, force, 0.0)
         for force in (-40.0, -20.0, 0.0, 25.0, 50.0, 60.0)
     ]
     np.testing.assert_allclose(states, [-1, -0.55, 0, 0.55, 1, 1])
@@ -216,24 +225,27 @@ def test_state_follows_the_command_with_the_lag_of_the_mjcf() -> None:
 
 def test_allocation_by_stern_fins_gives_the_requested_moments() -> None:
     plant = plant_of("remus100")
-    own = plant.effectors[0]
+    effector_records = plant.effectors[0]
     slow, fast = (
-        pseudo_inverse(own, effectors.force_limits_of(own, RHO, speed)) for speed in (0.5, 2.0)
+        pseudo_inverse(effector_records, effectors.force_limits_of(effector_records, RHO, speed))
+        for speed in (0.5, 2.0)
     )
     wrench = np.zeros(6)
     wrench[SURGE], wrench[PITCH], wrench[YAW] = 10.0, 1.0, -0.5
-    wanted, force = wrench.copy(), np.zeros(5)
-    limits = effectors.force_limits_of(own, RHO, 1.3)
+    requested, force = wrench.copy(), np.zeros(5)
+    limits = effectors.force_limits_of(effector_records, RHO, 1.3)
     inverse = np.empty(slow.shape)
     pseudo_inverse_at(slow, fast, 1.3, inverse)
     allocate(inverse, limits, wrench, force)
-    np.testing.assert_array_equal(wrench, wanted)
-    given = effectors.unit_wrenches(own).T @ force
-    np.testing.assert_allclose(given[[SURGE, PITCH, YAW]], wanted[[SURGE, PITCH, YAW]], rtol=1e-12)
-    assert given[3] == pytest.approx(0.0, abs=1e-12)  # the fins of a pair do not roll the hull
+    np.testing.assert_array_equal(wrench, requested)
+    actual = effectors.unit_wrenches(effector_records).T @ force
+    np.testing.assert_allclose(
+        actual[[SURGE, PITCH, YAW]], requested[[SURGE, PITCH, YAW]], rtol=1e-12
+    )
+    assert actual[3] == pytest.approx(0.0, abs=1e-12)  # the fins of a pair do not roll the hull
 
 
-MIXED = ("fin_port", "fin_starboard")
+FIN_NAMES = ("fin_port", "fin_starboard")
 
 
 def mixed_hull() -> str:
@@ -242,15 +254,15 @@ def mixed_hull() -> str:
         'class="fin" size="0.051 0.0662 0.004"', 'class="fin" size="0.05 0.06 0.004"'
     )
     sites = "".join(
-        f'<site name="{n}" pos="-0.72 {y} 0"/>' for n, y in zip(MIXED, (0.11, -0.11), strict=True)
+        f'<site name="{name}" pos="-0.72 {port} 0"/>'
+        for name, port in zip(FIN_NAMES, (0.11, -0.11), strict=True)
     )
     fins = "".join(
-        f'<general name="{n}" site="{n}" gear="0 0 1 0 0 0" dyntype="filterexact" dynprm="0.1" '
-        'gainprm="0" '
-        'ctrlrange="-0.3 0.3"/>'
-        for n in MIXED
+        f'<general name="{name}" site="{name}" gear="0 0 1 0 0 0" dyntype="filterexact" '
+        'dynprm="0.1" gainprm="0" ctrlrange="-0.3 0.3"/>'
+        for name in FIN_NAMES
     )
-    numerics = "".join(f'<numeric name="{n}.fin" data="0.01 3 0.4 0.01"/>' for n in MIXED)
+    numerics = "".join(f'<numeric name="{name}.fin" data="0.01 3 0.4 0.01"/>' for name in FIN_NAMES)
     text = re.sub(r"<keyframe>.*</keyframe>", "", text, flags=re.DOTALL)
     text = text.replace('<site name="cg"', f'{sites}<site name="cg"').replace(
         "</actuator>", f"{fins}</actuator>"
@@ -261,32 +273,41 @@ def mixed_hull() -> str:
 def test_fins_take_over_from_thrusters_as_the_speed_grows() -> None:
     assert hull_errors(mixed_hull(), "follower") == []
     plant = plant_of(mixed_hull())
-    d = design(plant, (None,))[0]
-    own = plant.effectors[0]
-    shares = []
+    autopilot = design(plant, (None,))[0]
+    effector_records = plant.effectors[0]
+    fractions_of_fins = []
     for speed in (0.3, 1.0, 1.5, 2.5):
-        inverse = np.empty((own.size, 6))
+        inverse = np.empty((effector_records.size, 6))
         pseudo_inverse_at(
-            d["slow_allocation"][: own.size], d["fast_allocation"][: own.size], speed, inverse
+            autopilot["slow_allocation"][: effector_records.size],
+            autopilot["fast_allocation"][: effector_records.size],
+            speed,
+            inverse,
         )
-        moments = effectors.unit_wrenches(own)[:, PITCH] * inverse[: own.size, PITCH]
+        moments = (
+            effectors.unit_wrenches(effector_records)[:, PITCH]
+            * inverse[: effector_records.size, PITCH]
+        )
         assert moments.sum() == pytest.approx(1.0, rel=1e-9)
-        shares.append(moments[own["lift_area"] > 0.0].sum())
-    assert np.all(np.diff(shares) > 0)
+        fractions_of_fins.append(moments[effector_records["lift_area"] > 0.0].sum())
+    assert np.all(np.diff(fractions_of_fins) > 0)
 
 
-@pytest.mark.parametrize("name", ADDED)
+@pytest.mark.parametrize("name", PUBLISHED_VEHICLES)
 @pytest.mark.parametrize("role", ["leader", "follower"])
 def test_vehicles_have_all_that_a_hull_needs(name: str, role: str) -> None:
     assert hull_errors(models.path(name).read_text("utf-8"), role) == []
 
 
 def test_vehicles_are_listed_with_effectors_and_limits() -> None:
-    rows = {row[0]: row[1:] for row in vehicle_rows()}
-    assert list(rows) == list(models.VEHICLES)
-    assert rows["remus100"][1:] == ("31.03 kg", "1 propeller -1525 … 1525 rpm, 4 fin -15 … 15 °")
-    assert rows["remus100"][0].startswith("1.6")
-    assert rows["bluerov2_heavy"][2] == "8 thruster -1 … 1"
+    limits_by_name = {row[0]: row[1:] for row in vehicle_rows()}
+    assert list(limits_by_name) == list(models.VEHICLES)
+    assert limits_by_name["remus100"][1:] == (
+        "31.03 kg",
+        "1 propeller -1525 … 1525 rpm, 4 fin -15 … 15 °",
+    )
+    assert limits_by_name["remus100"][0].startswith("1.6")
+    assert limits_by_name["bluerov2_heavy"][2] == "8 thruster -1 … 1"
 
 
 @pytest.mark.parametrize("name", ["remus100", "lauv"])
@@ -317,27 +338,25 @@ def test_bluerov_keeps_route_and_depth_at_half_a_metre_a_second() -> None:
 
 
 def test_bluerov_has_the_steady_speeds_of_thrust_against_drag() -> None:
-    """Four thrusters at 45° of 30.4 N against 13.7 u + 141 u²; the hull pitches little below the
-    thrusters' line.
-    """
+    """Four thrusters of 30.4 N at 45° against the drag 13.7 u + 141 u² of the published model."""
     plant = plant_of("bluerov2_heavy")
     thrust = 4 * 30.4 / np.sqrt(2)
     speed = brentq(lambda u: 13.7 * u + 141 * u * u - thrust, 0, 5)
     assert top_speed(design(plant, (None,))[0]) == pytest.approx(speed, abs=0.02)
     # turning on the spot: lever (0.156 + 0.111) / √2 of each thruster against 1.5 r²
-    ahead = np.array([[1.0, -1.0, -1.0, 1.0, 0, 0, 0, 0]])
+    turning = np.array([[1.0, -1.0, -1.0, 1.0, 0, 0, 0, 0]])
     levers = plant.effectors["torque"][0, :4, 2]
     np.testing.assert_allclose(np.abs(levers), (0.156 + 0.111) / np.sqrt(2), rtol=1e-6)
-    ahead[0, :4] = np.sign(levers)
-    plant.step(ahead, 1000)
+    turning[0, :4] = np.sign(levers)
+    plant.step(turning, 1000)
     rate = np.sqrt(4 * 30.4 * (0.156 + 0.111) / np.sqrt(2) / 1.5)
     assert abs(plant.twist[0, 5]) == pytest.approx(rate, rel=0.01)
 
 
-@pytest.mark.parametrize("trial", PUBLISHED_BLUEROV)
-def test_bluerov_has_the_steady_speeds_of_the_published_code(trial: str) -> None:
+@pytest.mark.parametrize("trial_name", PUBLISHED_BLUEROV)
+def test_bluerov_has_the_steady_speeds_of_the_published_code(trial_name: str) -> None:
     """In fresh water, as there; thrust is within 1 % of the polynomial."""
-    assert bluerov_speed(trial) == pytest.approx(PUBLISHED_BLUEROV[trial], rel=0.01)
+    assert bluerov_speed(trial_name) == pytest.approx(PUBLISHED_BLUEROV[trial_name], rel=0.01)
 
 
 def test_lauv_turns_as_its_balances_predict() -> None:
@@ -380,27 +399,28 @@ def test_lauv_turns_as_its_balances_predict() -> None:
 
 
 def mujoco_rotation(plant: Plant) -> Floats:
-    out = np.zeros(9)
-    mujoco.mju_quat2Mat(out, plant.pose[0, 3:])
-    return out.reshape(3, 3)
+    """Body to world of the first vehicle by MuJoCo, shape (3, 3)."""
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, plant.pose[0, 3:])
+    return matrix.reshape(3, 3)
 
 
 def test_damping_of_6_by_6_acts_off_the_diagonal() -> None:
-    """In LAUV's matrix, sway and yaw damp each other; MuJoCo's frame changes none of these
-    signs.
-    """
+    """In LAUV's matrix sway and yaw damp each other, with the same signs in MuJoCo's frame."""
     plant = plant_of("lauv")
     plant.twist[0] = [0, 0.3, 0, 0, 0, 0.2]
-    c = mjcf.read_coefficients(plant.model, plant.names, RHO)
-    assert c["coupled"][0] == 1
-    force, moment = coupled_damping(c.view(np.recarray)[0], (0.0, 0.3, 0.0), (0.0, 0.0, 0.2))
+    coefficients = mjcf.read_coefficients(plant.model, plant.names, RHO)
+    assert coefficients["coupled"][0] == 1
+    force, moment = coupled_damping(
+        coefficients.view(np.recarray)[0], (0.0, 0.3, 0.0), (0.0, 0.0, 0.2)
+    )
     assert force == pytest.approx((0.0, 11.5 * 0.2 + 0.3 * 0.04, 0.0))
     assert moment == pytest.approx((0.0, 0.0, -3.1 * 0.3 - 1.5 * 0.09))
 
 
 def test_the_steady_turn_is_that_of_a_flight() -> None:
-    """Rudder hard over at the speed it settles at: rate and radius of the balance of sway and
-    yaw.
+    """With the rudder at its limit, at the speed that results: rate and radius are those of the
+    balance of sway and yaw.
     """
     setup = VehicleSetup(
         name="deep", model="remus100", position_m=(0.0, 0.0, -200.0), speed_m_s=1.0
@@ -412,19 +432,19 @@ def test_the_steady_turn_is_that_of_a_flight() -> None:
     rate, radius = steady_turn(plant_of("remus100"), 0, autopilot, float(velocity[0]))
     assert abs(plant.twist[0, 5]) == pytest.approx(rate, rel=0.05)
     assert np.hypot(*velocity[:2]) / abs(plant.twist[0, 5]) == pytest.approx(radius, rel=0.05)
-    # in waters without end the largest moment is to port or to starboard alike
+    # turns of the follower, which is steered by thrusters, have no least radius
     assert least_radius(plant_of("follower"), 0, design(plant_of("follower"), (None,))[0]) == 0.0
 
 
 @pytest.mark.system
 def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
-    """Half a metre off route and station, two decimetres of depth, in calm water with the usual
-    errors.
+    """To 0.5 m along the route, 1 m at stations and 0.2 m in depth (RMS), in calm water with the
+    default errors of sensors.
     """
     flight = laisn_sim.fly(remus_formation.table(corners=4))
-    kept = remus_formation.keeping(flight)
-    assert not any(one.lost for one in kept)
-    assert max(one.station_rms_m for one in kept) < 1.0
+    measures = remus_formation.keeping(flight)
+    assert not any(follower.lost for follower in measures)
+    assert max(follower.station_rms_m for follower in measures) < 1.0
     assert remus_formation.depth_rms(flight) < 0.2
     report = tracking(only(flight.trajectory, [0]), routes_of(MissionPlan.of(flight.scenario))[:1])[
         0
@@ -433,20 +453,20 @@ def test_ten_remus_keep_their_stations_behind_a_remus() -> None:
     assert report.depth_error_rms < 0.2
 
 
-def test_hulls_that_turn_slowly_are_cautioned_about() -> None:
+def test_a_trial_states_how_far_a_hull_that_turns_slowly_leaves_its_route() -> None:
     """A corner of 90° is cut by R (1 - cos 45°), measured from either leg."""
     plant = plant_of("remus100")
     radius = least_radius(plant, 0, design(plant, (None,))[0])
     corner = {"waypoints": [[0, 0, 0], [100, 100, 0], [200, 100, 100]], "model": "remus100"}
     table = {"duration_s": 200, "leader": corner, "followers": [{"route": "T5"}]}
-    (text,) = trial(laisn_sim.load(table))
-    assert text.startswith("leader: it is up to ")
-    off = float(text.split("up to ")[1].split(" m off its route")[0])
-    assert off == pytest.approx(radius * (1.0 - np.sqrt(0.5)), abs=1.5)
+    (caution,) = trial(laisn_sim.load(table))
+    assert caution.startswith("leader: it is up to ")
+    cross_track_error = float(caution.split("up to ")[1].split(" m off its route")[0])
+    assert cross_track_error == pytest.approx(radius * (1.0 - np.sqrt(0.5)), abs=1.5)
     assert not trial(laisn_sim.load("T5"))
 
 
-def test_what_a_hull_cannot_do_is_refused_by_name() -> None:
+def test_missions_that_a_hull_cannot_fly_are_refused_with_the_reason() -> None:
     with pytest.raises(
         laisn_sim.LaisnError, match=r"leader\.model: its effectors drive it at 0\.7\d m/s at most"
     ):
@@ -499,7 +519,7 @@ def test_geoms_of_fins_turn_with_the_deflection() -> None:
     for name, deflection, axis in (("rudder_top", 0.2, 1), ("stern_plane_port", -0.1, 2)):
         rotation = np.zeros(9)
         mujoco.mju_quat2Mat(rotation, model.geom(name).quat)
-        # the nose of the fin goes where it pushes
+        # the leading edge turns towards the side to which the fin pushes
         chord = rotation.reshape(3, 3)[:, 0]
         assert chord[axis] == pytest.approx(np.sin(deflection))
         assert chord[0] == pytest.approx(np.cos(deflection))
@@ -507,18 +527,16 @@ def test_geoms_of_fins_turn_with_the_deflection() -> None:
 
 
 def odd_hull() -> str:
-    """The follower's hull with three thrusters at odd places and two stern planes; only its MJCF
-    differs.
-    """
+    """The follower's hull with three thrusters at unsymmetric positions and two stern planes."""
     text = re.sub(r'<(site|general) name="thruster_[^>]*/>', "", mixed_hull())
-    places = {
+    sites = {
         "canted_port": ("-0.6 0.21 0.03", "0.9659 -0.2588 0 0 0 0"),
         "canted_starboard": ("-0.66 -0.2 -0.02", "0.9659 0.2588 0 0 0 0"),
         "nose": ("0.5 0.03 0.05", "0 0 1 0 0 0"),
     }
-    for name, (place, gear) in places.items():
+    for name, (position, gear) in sites.items():
         text = text.replace(
-            '<site name="cg"', f'<site name="{name}" pos="{place}"/><site name="cg"'
+            '<site name="cg"', f'<site name="{name}" pos="{position}"/><site name="cg"'
         )
         text = text.replace(
             "</actuator>",
@@ -528,7 +546,7 @@ def odd_hull() -> str:
     return text
 
 
-def test_three_thrusters_at_odd_places_and_two_fins_fly_by_their_mjcf_alone() -> None:
+def test_three_unsymmetric_thrusters_and_two_fins_follow_a_route_by_their_mjcf_alone() -> None:
     text = odd_hull()
     assert hull_errors(text, "follower") == []
     plant = plant_of(text)
@@ -552,23 +570,21 @@ def test_hulls_that_turn_slowly_plan_wider_turns() -> None:
     table = reference([route], time, [0.0], [radius])[:, 0]
     closest = np.hypot(table.east, table.north - 100.0).min()
     assert closest == pytest.approx((np.sqrt(2) - 1) * radius, rel=1e-4)
-    # on time at the waypoint, as all vehicles
+    # it passes the waypoint at its time, as with other turns
     assert time[np.argmin(np.hypot(table.east, table.north - 100.0))] == pytest.approx(
         100.0, abs=0.1
     )
     assert np.abs(np.diff(table.course)).max() / 0.1 == pytest.approx(
         table.speed[1000] / radius, rel=1e-3
     )
-    # hulls that turn faster, and routes without room for it, keep the turns of all
+    # hulls that turn faster than 10°/s, and routes too short for wide turns, keep the common turns
     assert reference([route], time, [0.0], [0.1]).tobytes() == reference([route], time).tobytes()
     short = Route.at_speed("corners", [[0, 0], [0, 7], [7, 7], [7, 14]], 0.5, 10.0)
     assert reference([short], time, [0.0], [100.0]).tobytes() == reference([short], time).tobytes()
 
 
 def test_remus_rounds_the_corner_of_the_leaders_route() -> None:
-    """Planned with the circle that it can turn; at 10°/s, five times what it turns, it was 29 m
-    off.
-    """
+    """The turn is planned with the least radius of the hull, which cannot turn at 10°/s."""
     route = library_route("L", 10.0)
     setup = VehicleSetup(
         name="one",
@@ -580,6 +596,6 @@ def test_remus_rounds_the_corner_of_the_leaders_route() -> None:
     plant = Plant([setup], Ocean())
     radius = least_radius(plant, 0, design(plant, (None,))[0])
     report = tracking(simulate(plant, [route], 1000.0, [None]), [route])[0]
-    # half way round, the arc is R (1 − cos 45°) from either leg
+    # the middle of the arc is R (1 − cos 45°) from either leg
     assert report.cross_track_max == pytest.approx(radius * (1 - np.sqrt(0.5)), abs=1.5)
     assert report.depth_error_rms < 0.2

@@ -1,4 +1,4 @@
-"""Effectors: a vehicle uses those of its MJCF, at any positions."""
+"""A vehicle uses the effectors of its MJCF, at any positions."""
 
 import re
 from pathlib import Path
@@ -43,45 +43,51 @@ def test_records_are_those_of_the_mjcf() -> None:
     plant = Plant([setup("one", three_thrusters()), setup("two", "follower")], Ocean())
     assert plant.effector_names[0] == ("ahead", "aside", "up")
     assert len(plant.effector_names[1]) == 5
-    own = plant.effectors[0]
-    np.testing.assert_allclose(own["force"][:3], [[1, 0, 0], [0, 1, 0.2], [0, 0, 1]], atol=1e-12)
-    places = [[-0.8, 0.02, 0], [0.5, 0, 0.05], [-0.4, 0, 0]]
-    np.testing.assert_allclose(own["torque"][:3], np.cross(places, own["force"][:3]), atol=1e-12)
-    assert own["limits"][:3].tolist() == [[-40, 100], [-25, 25], [-25, 25]]
-    assert own["lag"][:3].tolist() == [0.3] * 3
-    # what pads the shorter vehicle is zero, and stays without thrust
-    assert not own["force"][3:].any()
+    records = plant.effectors[0]
+    np.testing.assert_allclose(
+        records["force"][:3], [[1, 0, 0], [0, 1, 0.2], [0, 0, 1]], atol=1e-12
+    )
+    positions = [[-0.8, 0.02, 0], [0.5, 0, 0.05], [-0.4, 0, 0]]
+    np.testing.assert_allclose(
+        records["torque"][:3], np.cross(positions, records["force"][:3]), atol=1e-12
+    )
+    assert records["limits"][:3].tolist() == [[-40, 100], [-25, 25], [-25, 25]]
+    assert records["lag"][:3].tolist() == [0.3] * 3
+    # records beyond a vehicle's own effectors are zero, and give no thrust
+    assert not records["force"][3:].any()
     plant.step(np.full((2, 5), 10.0), 2)
-    still = 0.0, 0.0, 0.0
+    at_rest = 0.0, 0.0, 0.0
     fitted = Fitted(plant.kinds, plant.true_effectors, plant.effector_states)
     thrust, torque, *others = effector_wrench(
-        fitted, 0, HullFlow(1026.0, 9.81, still, still, (0.0, 0.0, 1.0))
+        fitted, 0, HullFlow(1026.0, 9.81, at_rest, at_rest, (0.0, 0.0, 1.0))
     )
     assert not np.any(others)
     # equal thrusts: 1 ahead, 1 to port and 0.2 + 1 up, and their torques
-    expected = [1, 1, 1.2, *np.cross(places, own["force"][:3]).sum(axis=0)]
+    expected = [1, 1, 1.2, *np.cross(positions, records["force"][:3]).sum(axis=0)]
     np.testing.assert_allclose(np.array([*thrust, *torque]) / thrust[0], expected, atol=1e-12)
 
 
-def test_three_thrusters_at_odd_places_follow_a_route(tmp_path: Path) -> None:
-    """The autopilot gives what they can give: surge, yaw and pitch; heave and sway are left to
-    the hull.
+def test_three_thrusters_at_unsymmetric_positions_follow_a_route(tmp_path: Path) -> None:
+    """The autopilot controls surge, yaw and pitch, which they can give, and neither heave nor sway;
+    the vehicle moves within 0.3 m of the follower with its five thrusters.
     """
     plant = Plant([setup("one", three_thrusters())], Ocean())
     depth = DepthProfile(time=np.array([0.0, 40.0]), depth=np.array([10.0, 12.0]))
     route = Route.at_speed("turn", [[0, 0], [60, 0], [60, 60]], 1.0, depth)
-    flown = simulate(plant, [route], 110.0)
-    usual = simulate(Plant([setup("one", "follower")], Ocean()), [route], 110.0)
-    apart = np.linalg.norm(flown.position - usual.position, axis=2)
-    assert apart[-1, 0] < 0.1
-    assert np.sqrt(np.mean(apart**2)) < 0.3
+    trajectory = simulate(plant, [route], 110.0)
+    of_follower = simulate(Plant([setup("one", "follower")], Ocean()), [route], 110.0)
+    distance = np.linalg.norm(trajectory.position - of_follower.position, axis=2)
+    assert distance[-1, 0] < 0.1
+    assert np.sqrt(np.mean(distance**2)) < 0.3
     (tmp_path / "three.xml").write_text(three_thrusters(), encoding="utf-8")
     flight = laisn_sim.fly(
         "T3", {"duration_s": 20, "followers.0.model": str(tmp_path / "three.xml")}
     )
-    again = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "three.mcap"))
-    assert again.trajectory.effector_names == flight.trajectory.effector_names
-    assert again.trajectory.effector_states.tobytes() == flight.trajectory.effector_states.tobytes()
+    from_log = laisn_sim.read_log(laisn_sim.write_log(flight, tmp_path / "three.mcap"))
+    assert from_log.trajectory.effector_names == flight.trajectory.effector_names
+    assert (
+        from_log.trajectory.effector_states.tobytes() == flight.trajectory.effector_states.tobytes()
+    )
 
 
 def test_a_vehicle_without_any_actuator_is_refused(tmp_path: Path) -> None:

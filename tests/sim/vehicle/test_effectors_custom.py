@@ -1,6 +1,4 @@
-"""A kind of effector of the user's own: the buoyancy engine of docs/extending.md against closed
-forms.
-"""
+"""A kind of effector by a plugin: the buoyancy engine of docs/extending.md against closed forms."""
 
 import re
 from pathlib import Path
@@ -21,8 +19,8 @@ from sim.vehicle.plant import Plant
 from sim.water.ocean import Ocean
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
-VOLUME = 3e-4  # [m³]
-RATE = 5e-5  # [m³/s]
+VOLUME = 3e-4  # commanded to the engine [m³]
+RATE = 5e-5  # largest change of its volume [m³/s]
 DENSITY = 1026.0
 GRAVITY = 9.81
 HEAVE = (33.0, 190.0)  # drag of bluerov2_heavy [N s/m], [N s²/m²] (von Benzon et al. 2022, A1)
@@ -62,29 +60,31 @@ def plant_of(text: str) -> Plant:
 
 @pytest.mark.system
 @pytest.mark.usefixtures("folder")
-def test_it_rises_and_sinks_with_the_speed_of_net_buoyancy_against_drag() -> None:
+def test_the_engine_lifts_and_sinks_the_hull_at_the_speed_of_buoyancy_against_drag() -> None:
     """Its volume changes at its rate first, and stops at its limits."""
     plant = plant_of(Path("float.xml").read_text("utf-8"))
     command = np.zeros((1, 9))
-    for side in (1.0, -1.0):
+    for sign in (1.0, -1.0):
         before = plant.effector_states[0, 8]
-        command[0, 8] = side * VOLUME
+        command[0, 8] = sign * VOLUME
         plant.step(command, 100)
-        assert plant.effector_states[0, 8] == pytest.approx(before + side * RATE * 2.0, rel=1e-9)
-        # 32 kg of mass and added mass against 33 N s/m and more: a second
+        assert plant.effector_states[0, 8] == pytest.approx(before + sign * RATE * 2.0, rel=1e-9)
+        # the time constant is a second at most: 32 kg, added mass included, over 33 N s/m
         plant.step(command, 1900)
-        assert plant.effector_states[0, 8] == pytest.approx(side * VOLUME, rel=1e-9)
-        expected = side * terminal_speed(DENSITY * GRAVITY * VOLUME)
+        assert plant.effector_states[0, 8] == pytest.approx(sign * VOLUME, rel=1e-9)
+        expected = sign * terminal_speed(DENSITY * GRAVITY * VOLUME)
         assert plant.twist[0, 2] == pytest.approx(expected, rel=1e-6)
     command[0, 8] = -1.0
     plant.step(command, 1000)
     assert plant.effector_states[0, 8] == pytest.approx(-5e-4, rel=1e-9)
-    # in a hull on its side, it pushes against gravity at its place
+    # in a hull on its side, its force is upwards in the world, and acts at its position
     text = Path("float.xml").read_text("utf-8")
-    aside = plant_of(text.replace('name="engine" pos="0 0 0"', 'name="engine" pos="0.1 0.02 0"'))
+    with_engine_off_centre = plant_of(
+        text.replace('name="engine" pos="0 0 0"', 'name="engine" pos="0.1 0.02 0"')
+    )
     states = np.zeros((1, 9))
     states[0, 8] = 1e-4
-    fitted = Fitted(aside.kinds, aside.true_effectors, states)
+    fitted = Fitted(with_engine_off_centre.kinds, with_engine_off_centre.true_effectors, states)
     up = (0.6, 0.8, 0.0)
     water = HullFlow(DENSITY, GRAVITY, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), up)
     thrust, torque, force, moment = effector_wrench(fitted, 0, water)
@@ -95,9 +95,9 @@ def test_it_rises_and_sinks_with_the_speed_of_net_buoyancy_against_drag() -> Non
 
 
 @pytest.mark.system
-def test_its_controller_takes_the_float_to_its_depth(folder: Path) -> None:
-    line = "fly float.toml --plugin buoyancy_engine.py --no-video --out out"
-    result = CliRunner().invoke(app, line.split())
+def test_the_controller_of_the_page_takes_the_float_to_its_depth(folder: Path) -> None:
+    command = "fly float.toml --plugin buoyancy_engine.py --no-video --out out"
+    result = CliRunner().invoke(app, command.split())
     assert result.exit_code == 0, result.output
     flight = laisn_sim.read_log("out/flight.mcap")
     depth = -flight.trajectory.position[:, 1, 2]
@@ -130,7 +130,7 @@ def test_unknown_kinds_and_lacking_plugins_are_refused(
     assert "add --plugin buoyancy_engine.py" in result.output
 
 
-def test_a_method_that_does_not_compile_is_told(folder: Path) -> None:
+def test_a_method_that_does_not_compile_is_reported(folder: Path) -> None:
     Path("odd.py").write_text(
         "from laisn_sim import EffectorKind\nfrom sim.vehicle.effector_kinds import Bounds\n\n\n"
         "class Odd(EffectorKind):\n    parameters = {'a': Bounds(0.0, 1.0)}\n\n"
@@ -148,15 +148,16 @@ def test_a_method_that_does_not_compile_is_told(folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_results_depend_on_the_source_of_the_kind() -> None:
+def test_keys_of_stored_results_depend_on_the_source_of_the_kind() -> None:
     hull = Path("float.xml").read_text("utf-8")
-    before = key_of(hull)
+    before, before_of_follower = key_of(hull), key_of(laisn_sim.hull("follower"))
     source = Path("buoyancy_engine.py").read_text("utf-8")
     Path("buoyancy_engine.py").write_text(source.replace("water.up)", "water.up)  # up"), "utf-8")
     assert key_of(hull) != before
-    assert key_of(laisn_sim.hull("follower")) == key_of(laisn_sim.hull("follower"))
+    # hulls without effectors of that kind keep their results
+    assert key_of(laisn_sim.hull("follower")) == before_of_follower
 
 
-def test_the_project_has_kinds_without_values() -> None:
-    """Compiled code takes them for empty tuples, which are all equal: numbers tell them apart."""
+def test_built_in_kinds_are_of_different_types() -> None:
+    """Records have the numbers of these types; as values kinds are empty tuples and all equal."""
     assert len({type(kind) for kind in BUILT_IN}) == len(BUILT_IN) == 5
