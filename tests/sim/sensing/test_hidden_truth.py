@@ -86,7 +86,8 @@ def world(variant: str, hidden_errors: bool, **formation: Any) -> Scenario:
         "followers": [
             {**follower, "sensors": sensor_errors, **hull_errors} for follower in followers
         ],
-        "formation": {"proximity": {"range_m": 8.0}, **formation},
+        # the two on stations, 9.5 m apart, sense each other
+        "formation": {"proximity": {"range_m": 12.0, "aperture_deg": 60.0}, **formation},
         "navigation": {"variant": variant, "rival": {"particles": 50}},
         "sensors": {"leader_heading_bias_deg": 20.0, "leader_heading_sigma_deg": 1.0},
     }
@@ -154,6 +155,7 @@ class TapedProximity:
 
     def __init__(self, tape: Tape) -> None:
         self._tape = tape
+        self.has_sensed = False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(proximity, name)
@@ -162,6 +164,7 @@ class TapedProximity:
         sightings = arguments[-1]
         targets = (sightings.range, sightings.bearing)
         self._tape.pass_through(lambda: proximity.sense_neighbours(*arguments), targets)
+        self.has_sensed |= bool(np.isfinite(sightings.range).any())
 
 
 class Recording:
@@ -227,13 +230,15 @@ def test_commands_do_not_depend_on_what_is_hidden(
         closed_loop, "sense", getattr(closed_loop.sense, "py_func", closed_loop.sense)
     )
     monkeypatch.setattr(closed_loop, "observation", TapedObservation(tape))
-    monkeypatch.setattr(closed_loop, "proximity", TapedProximity(tape))
+    taped_proximity = TapedProximity(tape)
+    monkeypatch.setattr(closed_loop, "proximity", taped_proximity)
     monkeypatch.setattr(PythonClosedLoop, "_read_custom", taped_readings)
     expected = commands(world(variant, hidden_errors=False, law=law), blind=False)
     tape.rewind()
     actual = commands(world(variant, hidden_errors=True, law=law), blind=True)
     assert expected.shape[0] == round(DURATION / 0.1) + 1
-    # they do turn and hold their depth
+    assert taped_proximity.has_sensed
+    # each follower changes a command by more than 0.1
     assert (np.ptp(expected, axis=0).max(axis=1) > 0.1).all()
     np.testing.assert_array_equal(actual, expected)
 
