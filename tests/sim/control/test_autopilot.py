@@ -34,13 +34,15 @@ def effectors_of(forces, places, limits):
     return records
 
 
-def pair(bow, stern, limits):
+def lateral_pair(bow, stern, limits):
     """Lateral thrusters at the bow and the stern."""
     return effectors_of([[0, 1, 0]] * 2, [[bow, 0, 0], [-stern, 0, 0]], limits)
 
 
 def allocated(records, **wanted):
-    """Commands for a wrench, and what they give of it; SWAY, YAW … by name in lower case."""
+    """Commands for a wrench, and the wrench that they produce; components by their names in lower
+    case.
+    """
     wrench = np.zeros(6)
     for name, value in wanted.items():
         wrench[getattr(allocation, name.upper())] = value
@@ -57,54 +59,58 @@ def allocated(records, **wanted):
 @given(thrust, thrust, lever, lever, limit, limit)
 def test_allocation_never_exceeds_limits(force, moment, bow, stern, bow_limits, stern_limits):
     limits = np.array([bow_limits, stern_limits])
-    command, given_wrench = allocated(pair(bow, stern, limits), sway=force, yaw=moment)
+    command, produced_wrench = allocated(lateral_pair(bow, stern, limits), sway=force, yaw=moment)
     assert np.all(command >= limits[:, 0])
     assert np.all(command <= limits[:, 1])
     # the reported wrench is that of the commands
-    assert command.sum() == pytest.approx(given_wrench[allocation.SWAY], abs=1e-9)
+    assert command.sum() == pytest.approx(produced_wrench[allocation.SWAY], abs=1e-9)
     assert bow * command[0] - stern * command[1] == pytest.approx(
-        given_wrench[allocation.YAW], abs=1e-9
+        produced_wrench[allocation.YAW], abs=1e-9
     )
 
 
 @given(st.floats(-40, 40), st.floats(-40, 40), lever, lever)
 def test_allocation_reproduces_what_thrusters_can_give(at_bow, at_stern, bow, stern):
-    records = pair(bow, stern, [[-40, 40]] * 2)
+    records = lateral_pair(bow, stern, [[-40, 40]] * 2)
     command, _ = allocated(records, sway=at_bow + at_stern, yaw=bow * at_bow - stern * at_stern)
     assert command == pytest.approx((at_bow, at_stern), abs=1e-9)
 
 
 @given(thrust, thrust, lever, st.floats(1, 50))
-def test_the_moment_comes_first(force, moment, arm, most):
+def test_the_moment_comes_first(force, moment, arm, max_thrust):
     """Of a pair with equal levers and limits: the whole moment up to 2 a T, then the force that
     is left.
     """
-    command, _ = allocated(pair(arm, arm, [[-most, most]] * 2), sway=force, yaw=moment)
-    turned = np.clip(moment, -2 * arm * most, 2 * arm * most)
-    assert arm * (command[0] - command[1]) == pytest.approx(turned, abs=1e-9)
-    left = 2 * most - abs(turned) / arm
-    assert command.sum() == pytest.approx(np.clip(force, -left, left), abs=1e-9)
+    command, _ = allocated(
+        lateral_pair(arm, arm, [[-max_thrust, max_thrust]] * 2), sway=force, yaw=moment
+    )
+    expected_moment = np.clip(moment, -2 * arm * max_thrust, 2 * arm * max_thrust)
+    assert arm * (command[0] - command[1]) == pytest.approx(expected_moment, abs=1e-9)
+    remaining_force = 2 * max_thrust - abs(expected_moment) / arm
+    assert command.sum() == pytest.approx(
+        np.clip(force, -remaining_force, remaining_force), abs=1e-9
+    )
 
 
 @given(
     st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 5)
 )
-def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wanted):
+def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wrench):
     """Within limits the commands give the wrench on every component that the pseudo-inverse
     serves, by B u = τ.
     """
-    forces, places = (np.array(column) for column in zip(*thrusters, strict=True))
+    forces, positions = (np.array(column) for column in zip(*thrusters, strict=True))
     assume(np.all(np.linalg.norm(forces, axis=1) > 0.2))
-    records = effectors_of(forces, places, [[-1e6, 1e6]] * len(thrusters))
+    records = effectors_of(forces, positions, [[-1e6, 1e6]] * len(thrusters))
     inverse = allocation.pseudo_inverse(records, records["limits"])
     served = np.abs(inverse).max(axis=0) > 0
     assume(np.abs(inverse).max() < 1e4)
-    command, given_wrench = allocated(
-        records, surge=wanted[0], sway=wanted[1], heave=wanted[2], pitch=wanted[3], yaw=wanted[4]
+    command, produced_wrench = allocated(
+        records, surge=wrench[0], sway=wrench[1], heave=wrench[2], pitch=wrench[3], yaw=wrench[4]
     )
     produced = effectors.unit_wrenches(records).T @ command
-    np.testing.assert_allclose(produced[served], given_wrench[served], atol=1e-6)
-    assert not given_wrench[~served].any()
+    np.testing.assert_allclose(produced[served], produced_wrench[served], atol=1e-6)
+    assert not produced_wrench[~served].any()
     # as many components as the thrusters have independent wrenches on these five axes
     assert served.sum() <= min(5, len(thrusters))
 
@@ -134,107 +140,108 @@ def northbound(depth=None, speed=1.0):
 def test_the_design_is_read_from_the_vehicle():
     # leader.xml: mass 67.1515, added 1.96437, 63.43995, 11.44948; inertia 13.64016 about a centre
     # 0.02 m low; lag 0.3 s
-    d = autopilot.design(plant(), ("pitch",))[0]
-    assert d["omega"] == pytest.approx(1 / 1.2)
-    assert d["surge_mass"] == pytest.approx(67.1515 + 1.96437)
-    assert d["heave_mass"] == pytest.approx(67.1515 + 63.43995)
-    assert d["yaw_inertia"] == pytest.approx(13.64016 + 11.44948)
-    assert d["pitch_inertia"] == pytest.approx(13.64016 + 67.1515 * 0.02**2 + 11.44948)
-    assert d["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
+    design = autopilot.design(plant(), ("pitch",))[0]
+    assert design["omega"] == pytest.approx(1 / 1.2)
+    assert design["surge_mass"] == pytest.approx(67.1515 + 1.96437)
+    assert design["heave_mass"] == pytest.approx(67.1515 + 63.43995)
+    assert design["yaw_inertia"] == pytest.approx(13.64016 + 11.44948)
+    assert design["pitch_inertia"] == pytest.approx(13.64016 + 67.1515 * 0.02**2 + 11.44948)
+    assert design["righting"] == pytest.approx(67.1515 * 9.81 * 0.02)
     # a pair at ±0.62 m: half of the side force each, and the moment over the distance between them
     np.testing.assert_allclose(
-        d["slow_allocation"][1:3, [allocation.SWAY, allocation.YAW]],
+        design["slow_allocation"][1:3, [allocation.SWAY, allocation.YAW]],
         [[0.5, 1 / 1.24], [0.5, -1 / 1.24]],
     )
-    assert not d["slow_allocation"][5:].any()
-    assert d["effectors"]["limits"][0].tolist() == [-60, 150]
+    assert not design["slow_allocation"][5:].any()
+    assert design["effectors"]["limits"][0].tolist() == [-60, 150]
 
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_the_drag_that_the_autopilot_expects_is_that_of_the_plant(model):
     # at constant speed thrust is drag; nothing is left for the integral or the along-track
     # correction to do
-    flown = simulate(plant(model), [northbound()], 60.0)
-    d = autopilot.design(plant(model), ("pitch",))[0]
-    expected = d["drag"] + d["drag_linear"] * np.exp(-d["drag_fade"])
-    assert flown.effector_states[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
-    assert flown.forward_speed[-1, 0] == pytest.approx(1.0, abs=1e-3)
+    trajectory = simulate(plant(model), [northbound()], 60.0)
+    design = autopilot.design(plant(model), ("pitch",))[0]
+    # of v = 1 m/s
+    expected = design["drag"] + design["drag_linear"] * np.exp(-design["drag_fade"])
+    assert trajectory.effector_states[-1, 0, 0] == pytest.approx(expected, rel=1e-3)
+    assert trajectory.forward_speed[-1, 0] == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
 @pytest.mark.parametrize("speed", [1.0, 2.0])
 def test_a_turn_of_ninety_degrees_is_flown_at_ten_degrees_per_second(model, speed):
     route = Route.at_speed("corner", [[0, 0], [0, 80], [160, 80]], speed, 10.0)
-    flown = simulate(plant(model, speed=speed), [route], 160.0 / speed)
-    rate = -flown.angular_velocity[:, 0, 2]
+    trajectory = simulate(plant(model, speed=speed), [route], 160.0 / speed)
+    rate = -trajectory.angular_velocity[:, 0, 2]
     assert np.rad2deg(rate.max()) == pytest.approx(10.0, abs=1.0)
     # from 5 to 85 degrees in 8 s
-    heading = np.rad2deg((flown.heading[:, 0] + 1.0) % (2 * np.pi) - 1.0)
-    took = flown.time[np.argmax(heading > 85)] - flown.time[np.argmax(heading > 5)]
-    assert took == pytest.approx(8.0, abs=0.3)
+    heading = np.rad2deg((trajectory.heading[:, 0] + 1.0) % (2 * np.pi) - 1.0)
+    duration = trajectory.time[np.argmax(heading > 85)] - trajectory.time[np.argmax(heading > 5)]
+    assert duration == pytest.approx(8.0, abs=0.3)
     # a well damped loop: the overshoot stays below a fifth of a second's turning
     assert heading.max() < 92.0
     assert heading[-1] == pytest.approx(90.0, abs=0.2)
 
 
-@pytest.mark.parametrize(("model", "top"), [("leader", 3.0), ("follower", 3.0)])
-def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top):
+@pytest.mark.parametrize(("model", "top_speed"), [("leader", 3.0), ("follower", 3.0)])
+def test_speed_changes_at_a_fifth_of_a_metre_per_second_squared(model, top_speed):
     # 1 to 3 m/s at 0.2 m/s² takes 10 s; the ramp is the reference's, the vehicle lags it by less
     # than its bandwidth
     time = np.array([0.0, 30.0, 90.0])
-    north = np.array([0.0, 30.0, 30.0 + 60.0 * top - (top - 1) ** 2 / 0.4])
+    north = np.array([0.0, 30.0, 30.0 + 60.0 * top_speed - (top_speed - 1) ** 2 / 0.4])
     route = Route.timed("ramp", np.column_stack([time, 0 * time, north]), 10.0)
-    flown = simulate(plant(model), [route], 90.0)
-    speed = flown.forward_speed[:, 0]
-    assert speed.max() < top + 0.02
-    assert speed[-1] == pytest.approx(top, abs=0.02)
-    ramp = (flown.time > 33) & (flown.time < 39)
-    slope = np.polyfit(flown.time[ramp], speed[ramp], 1)[0]
+    trajectory = simulate(plant(model), [route], 90.0)
+    speed = trajectory.forward_speed[:, 0]
+    assert speed.max() < top_speed + 0.02
+    assert speed[-1] == pytest.approx(top_speed, abs=0.02)
+    ramp = (trajectory.time > 33) & (trajectory.time < 39)
+    slope = np.polyfit(trajectory.time[ramp], speed[ramp], 1)[0]
     assert slope == pytest.approx(0.2, abs=0.005)
 
 
 @pytest.mark.parametrize("buoyancy", [-12.0, 3.0, 12.0])
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_depth_is_held_by_trim_against_excess_buoyancy(model, buoyancy):
-    flown = simulate(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
-    last = flown.time > 150
-    assert flown.depth[last, 0] == pytest.approx(10.0, abs=0.02)
+    trajectory = simulate(plant(model, buoyancy=buoyancy), [northbound(speed=1.2)], 200.0)
+    settled = trajectory.time > 150
+    assert trajectory.depth[settled, 0] == pytest.approx(10.0, abs=0.02)
     # buoyant: the nose stays down; the lift of the incidence follows from the hull's and the fins'
     # coefficients
-    d = autopilot.design(plant(model), ("pitch",))[0]
-    linear = -buoyancy / (d["lift"] * 1.2**2)
+    design = autopilot.design(plant(model), ("pitch",))[0]
+    linear_incidence = -buoyancy / (design["lift"] * 1.2**2)
     # cross-flow drag helps: the angle is less than the linear lift alone requires, but of its order
-    assert 0.6 * abs(linear) < abs(flown.pitch[-1, 0]) < abs(linear)
-    assert np.sign(flown.pitch[-1, 0]) == -np.sign(buoyancy)
-    assert np.abs(flown.effector_states[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
+    assert 0.6 * abs(linear_incidence) < abs(trajectory.pitch[-1, 0]) < abs(linear_incidence)
+    assert np.sign(trajectory.pitch[-1, 0]) == -np.sign(buoyancy)
+    assert np.abs(trajectory.effector_states[-1, 0, 3:].sum()) < 0.1 * abs(buoyancy)
 
 
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_depth_is_held_by_thrust_with_a_level_hull(model):
-    flown = simulate(plant(model, buoyancy=7.0), [northbound()], 150.0, ("thrust",))
-    assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.02)
-    assert np.rad2deg(flown.pitch[-1, 0]) == pytest.approx(0.0, abs=0.1)
+    trajectory = simulate(plant(model, buoyancy=7.0), [northbound()], 150.0, ("thrust",))
+    assert trajectory.depth[-1, 0] == pytest.approx(10.0, abs=0.02)
+    assert np.rad2deg(trajectory.pitch[-1, 0]) == pytest.approx(0.0, abs=0.1)
     # what floats up is pushed down
-    assert flown.effector_states[-1, 0, 3:].sum() == pytest.approx(-7.0, abs=0.2)
+    assert trajectory.effector_states[-1, 0, 3:].sum() == pytest.approx(-7.0, abs=0.2)
 
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 def test_slow_vehicles_hold_depth_too(mode):
-    flown = simulate(
+    trajectory = simulate(
         plant("follower", buoyancy=3.0, speed=0.3), [northbound(speed=0.3)], 150.0, (mode,)
     )
-    assert flown.depth[-1, 0] == pytest.approx(10.0, abs=0.03)
+    assert trajectory.depth[-1, 0] == pytest.approx(10.0, abs=0.03)
 
 
 @pytest.mark.parametrize("mode", ["pitch", "thrust"])
 @pytest.mark.parametrize("model", ["leader", "follower"])
 def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
     profile = DepthProfile.through([[0, 10], [20, 10], [20.1, 12]])
-    flown = simulate(plant(model), [northbound(profile)], 120.0, (mode,))
-    assert flown.depth[:, 0].max() < 12 + 0.25 * 2
-    late = flown.time > 20 + 60
-    assert flown.depth[late, 0] == pytest.approx(12.0, abs=0.05)
-    steepest = np.rad2deg(np.abs(flown.pitch).max())
+    trajectory = simulate(plant(model), [northbound(profile)], 120.0, (mode,))
+    assert trajectory.depth[:, 0].max() < 12 + 0.25 * 2
+    settled = trajectory.time > 20 + 60
+    assert trajectory.depth[settled, 0] == pytest.approx(12.0, abs=0.05)
+    steepest = np.rad2deg(np.abs(trajectory.pitch).max())
     if mode == "pitch":
         assert 10 < steepest < 22
     else:
@@ -243,6 +250,7 @@ def test_a_step_of_depth_settles_without_much_overshoot(model, mode):
 
 
 def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
+    # an increment, the force that is demanded, and the force that thrusters give
     assert autopilot._increment(0.5, 200.0, 150.0) == 0.0
     assert autopilot._increment(-0.5, 200.0, 150.0) == -0.5
     assert autopilot._increment(0.5, 100.0, 100.0) == 0.5
@@ -251,23 +259,23 @@ def test_integrals_do_not_wind_up_while_thrusters_are_at_their_limit():
 
 def test_a_route_against_a_current_is_kept():
     ocean = Ocean(current_speed_m_s=0.4, current_direction_rad=np.pi / 2)
-    flown = simulate(plant(ocean=ocean), [northbound()], 150.0)
-    late = flown.time > 60
-    assert np.abs(flown.position[late, 0, 0]).max() < 0.05
+    trajectory = simulate(plant(ocean=ocean), [northbound()], 150.0)
+    settled = trajectory.time > 60
+    assert np.abs(trajectory.position[settled, 0, 0]).max() < 0.05
     # 0.4 m/s from the west: the sine of the crab angle is 0.4 over the speed through the water
-    assert flown.heading[-1, 0] - 2 * np.pi == pytest.approx(-np.arctan2(0.4, 1.0), abs=0.01)
-    assert flown.forward_speed[-1, 0] == pytest.approx(np.hypot(0.4, 1.0), abs=0.01)
+    assert trajectory.heading[-1, 0] - 2 * np.pi == pytest.approx(-np.arctan2(0.4, 1.0), abs=0.01)
+    assert trajectory.forward_speed[-1, 0] == pytest.approx(np.hypot(0.4, 1.0), abs=0.01)
 
 
 def test_a_lost_state_stops_the_flight_where_it_appears():
     vehicle = plant()
 
-    def strike(time):
+    def corrupt_state(time):
         if time == 50.0:
             vehicle.twist[0, 0] = np.nan
 
     with pytest.raises(DivergedError, match="the state of leader is lost") as caught:
-        simulate(vehicle, [northbound()], 60.0, progress=strike)
+        simulate(vehicle, [northbound()], 60.0, progress=corrupt_state)
     # lost is the state that follows the instant at which progress is reported
     assert caught.value.trajectory.time[-1] == pytest.approx(50.0)
     assert np.isfinite(caught.value.trajectory.velocity).all()
@@ -279,19 +287,19 @@ def test_progress_is_reported_rarely():
     assert progress_times == pytest.approx([0, 50])
 
 
-def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
+def test_motion_through_the_water_is_along_the_hulls_own_axes():
     """Against SciPy's rotations: hull pitched and rolled, in water that rises and drifts."""
     rng = np.random.default_rng(7)
-    for turned in Rotation.random(5, rng=rng):
-        pose = np.r_[3.0, 4.0, -9.0, turned.as_quat()[[3, 0, 1, 2]]]
+    for rotation in Rotation.random(5, rng=rng):
+        pose = np.r_[3.0, 4.0, -9.0, rotation.as_quat()[[3, 0, 1, 2]]]
         twist, water = rng.normal(size=6), rng.normal(size=3)
         motion = autopilot.true_motion(pose, twist, water)
-        through = turned.inv().apply(twist[:3] - water)
-        forward = turned.apply([1.0, 0.0, 0.0])
+        through_water = rotation.inv().apply(twist[:3] - water)
+        forward = rotation.apply([1.0, 0.0, 0.0])
         assert motion == pytest.approx(
             (
-                through[0],
-                through[1],
+                through_water[0],
+                through_water[1],
                 np.arctan2(*forward[:2]),
                 twist[5],
                 np.arcsin(forward[2]),
@@ -303,13 +311,15 @@ def test_vehicles_feel_their_way_through_the_water_along_their_own_axes():
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
-    """Half a degree off in heading and pitch, 5 cm off in depth; then turning away by 5 rad/s."""
+def test_integrals_follow_their_errors_until_thrusters_are_at_their_limit(sign):
+    """Half a degree off in heading and pitch, 1 cm/s off in speed, 5 cm off in depth; then half a
+    radian off, turning away at 5 rad/s.
+    """
     (design,) = autopilot.design(plant(), ("pitch",))
     reference, dt = record(REFERENCE), 0.1
     reference.depth = 10.0
 
-    def remembered(angle, speed, depth, rate=0.0):
+    def step_off_reference(angle, speed, depth, rate=0.0):
         motion = autopilot.HullMotion(
             surge=1.0 - sign * speed,
             sway=0.0,
@@ -325,7 +335,7 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
         return memory, command
 
     angle, omega = np.deg2rad(0.5), design["omega"]
-    memory, command = remembered(angle, 0.01, 0.0)
+    memory, command = step_off_reference(angle, 0.01, 0.0)
     assert memory.heading_integral == pytest.approx(
         -sign * 0.1 * design["yaw_inertia"] * omega**3 * angle * dt
     )
@@ -333,13 +343,15 @@ def test_integrals_follow_their_errors_until_thrusters_give_out(sign):
         sign * 0.1 * design["pitch_inertia"] * omega**3 * angle * dt
     )
     # the hull's way over ground is its way through the water times the cosine of its pitch
-    missing = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
+    speed_error = 1.0 / np.cos(angle) - (1.0 - sign * 0.01)
     assert memory.speed_integral == pytest.approx(
-        0.05 * design["surge_mass"] * omega**2 * missing * dt
+        0.05 * design["surge_mass"] * omega**2 * speed_error * dt
     )
     assert np.all(np.abs(command) < design["effectors"]["limits"][:5, 1])
-    far, command = remembered(0.5, 0.0, 0.0, rate=5.0)
-    assert far.heading_integral == far.pitch_integral == 0.0
+    saturated, command = step_off_reference(0.5, 0.0, 0.0, rate=5.0)
+    assert saturated.heading_integral == saturated.pitch_integral == 0.0
     assert np.max(np.abs(command[1:])) == design["effectors"]["limits"][1, 1]
-    low, _ = remembered(0.0, 0.0, 0.05)
-    assert sign * low.depth_integral < 0.0 == remembered(0.0, 0.0, 0.0)[0].depth_integral
+    off_depth, _ = step_off_reference(0.0, 0.0, 0.05)
+    assert (
+        sign * off_depth.depth_integral < 0.0 == step_off_reference(0.0, 0.0, 0.0)[0].depth_integral
+    )

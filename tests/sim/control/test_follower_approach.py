@@ -10,14 +10,14 @@ from sim.control.follower import give_way, repulsion_velocity
 from sim.scenario.formation import Formation, Proximity
 from sim.sensing.proximity import SIGHTING
 
-LAW, FORMATION = (
+PROXIMITY, FORMATION = (
     Proximity(range_m=5.0, full_avoidance_range_m=3.0, max_avoidance_speed_m_s=0.8).record(),
     Formation().record(),
 )
 
 
-def at(east: float, north: float, heading: float = 0.0) -> Records:
-    """Something seen so far away by a hull on a heading."""
+def sighting(east: float, north: float, heading: float = 0.0) -> Records:
+    """A vehicle in sight, so far east and north [m] of a hull on this heading [rad]."""
     return np.array([(np.hypot(east, north), np.arctan2(east, north) - heading)], SIGHTING).view(
         np.recarray
     )
@@ -30,43 +30,48 @@ def test_the_push_grows_from_the_sensors_range_to_that_of_full_speed(
     distance: float, speed: float
 ) -> None:
     for heading in (0.0, 2.0):
-        push = repulsion_velocity(LAW, at(0.6 * distance, 0.8 * distance, heading), heading)
+        push = repulsion_velocity(
+            PROXIMITY, sighting(0.6 * distance, 0.8 * distance, heading), heading
+        )
         assert push == pytest.approx((-0.6 * speed, -0.8 * speed))
 
 
 def test_without_neighbours_the_avoidance_velocity_is_zero() -> None:
     assert repulsion_velocity(
-        LAW, np.concatenate([at(np.nan, 0.0)] * 3).view(np.recarray), 1.0
+        PROXIMITY, np.concatenate([sighting(np.nan, 0.0)] * 3).view(np.recarray), 1.0
     ) == (0.0, 0.0)
 
 
 def test_pushes_add_up_to_full_speed_at_most() -> None:
-    two = np.concatenate([at(2.0, 0.0), at(0.0, 2.0)]).view(np.recarray)
-    assert repulsion_velocity(LAW, two, 0.0) == pytest.approx(
+    at_right_angles = np.concatenate([sighting(2.0, 0.0), sighting(0.0, 2.0)]).view(np.recarray)
+    assert repulsion_velocity(PROXIMITY, at_right_angles, 0.0) == pytest.approx(
         (-0.8 * np.sqrt(0.5), -0.8 * np.sqrt(0.5))
     )
-    both = np.concatenate([at(4.0, 0.0), at(-4.0, 0.0)]).view(np.recarray)
-    assert repulsion_velocity(LAW, both, 0.0) == pytest.approx((0.0, 0.0))
+    opposite = np.concatenate([sighting(4.0, 0.0), sighting(-4.0, 0.0)]).view(np.recarray)
+    assert repulsion_velocity(PROXIMITY, opposite, 0.0) == pytest.approx((0.0, 0.0))
 
 
 @pytest.mark.parametrize("closing", [0.4, 1.0, 1.5])
 def test_two_approaching_vehicles_stop_at_the_distance_of_the_law(closing: float) -> None:
-    """As points that move as commanded: where 2 w(d) = c, which is R − (R − F) c / 2W, and never
-    nearer.
+    """Points that move as commanded stop where their avoidance velocities w(d) make up for the
+    speed c at which they close up: 2 w(d) = c at d = R − (R − F) c / 2W, with the range R, that of
+    full avoidance F, and its speed W. They come no nearer.
     """
-    stop = 5.0 - 2.0 * closing / (2 * 0.8)
-    apart, least = 12.0, 12.0
+    final_distance = 5.0 - 2.0 * closing / (2 * 0.8)
+    distance, min_distance = 12.0, 12.0
     for _ in range(4000):
-        push = repulsion_velocity(LAW, at(apart, 0.0), 0.0)[0]
-        apart += 0.02 * (-closing - 2.0 * push)
-        least = min(least, apart)
-    assert apart == pytest.approx(stop, abs=1e-3)
-    assert least >= stop - 1e-9
-    assert least >= LAW.full_avoidance_range
+        push = repulsion_velocity(PROXIMITY, sighting(distance, 0.0), 0.0)[0]
+        distance += 0.02 * (-closing - 2.0 * push)
+        min_distance = min(min_distance, distance)
+    assert distance == pytest.approx(final_distance, abs=1e-3)
+    assert min_distance >= final_distance - 1e-9
+    assert min_distance >= PROXIMITY.full_avoidance_range
 
 
-def test_a_hull_slows_down_but_keeps_its_way() -> None:
-    """Wanted velocity 1 m/s east; pushed back by 0.5 m/s, by more than it has, and aside."""
+def test_a_hull_that_gives_way_keeps_its_least_and_greatest_speed() -> None:
+    """Commanded velocity 1 m/s east; pushed back by 0.5 m/s, by more than it has, and aside; at
+    2.4 m/s pushed forward.
+    """
     east = np.pi / 2
     assert give_way(FORMATION, (east, 1.0), (-0.5, 0.0)) == pytest.approx((east, 0.5))
     assert give_way(FORMATION, (east, 1.0), (-2.0, 0.0)) == pytest.approx((east, 0.2))

@@ -18,19 +18,25 @@ NORTHBOUND = Route.timed("north", [[0, 0, 0], [2000, 0, 2000]], 5.0)
 CORNER = Route.timed("corner", [[0, 0, 0], [200, 0, 200], [400, 200, 200]], 5.0)
 
 
-def follow(route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, known=True):
-    """Positions, headings and speeds of a point that moves as commanded, with a known or an
-    unknown current.
+def follow(
+    route, duration, water=(0.0, 0.0), offset=(0.0, 0.0), heading=0.0, current_is_known=True
+):
+    """The reference, and the motion of a point that moves as commanded: east, north, heading, turn
+    rate and speed through the water, shape (n, 5).
+
+    `water` is the current [m/s], `offset` the start from the reference [m].
     """
     table = guidance.reference([route], np.arange(0, duration, DT))[:, 0]
     position = np.array([table[0].east, table[0].north]) + np.array(offset)
     velocity = table[0].speed * np.array([np.sin(heading), np.cos(heading)]) - np.array(water)
-    along = float(velocity @ [np.sin(heading), np.cos(heading)])
+    speed_through_water = float(velocity @ [np.sin(heading), np.cos(heading)])
     memory = record(guidance.GUIDANCE_MEMORY)
-    guidance.start_guidance(table[0], heading, along, water if known else (0.0, 0.0), memory)
+    guidance.start_guidance(
+        table[0], heading, speed_through_water, water if current_is_known else (0.0, 0.0), memory
+    )
     rows = []
     for row in table:
-        if known:
+        if current_is_known:
             guidance.track_current(water, DT, memory)
         else:
             guidance.integrate_offset(row, position, DT, memory)
@@ -69,9 +75,9 @@ def test_routes_that_are_alike_share_a_reference_that_nobody_can_change():
     for key, value in (("start_heading", 1.0), ("start_speed", 0.5)):
         changed = guidance.reference([replace(route, **{key: value})], time)
         assert np.any(changed.east != before.east), key
-    once = DepthProfile.through([[0.0, 5.0], [10.0, 7.0]])
-    again = replace(once, period=20.0)
-    depths = [guidance.reference([replace(route, depth=d)], time).depth for d in (once, again)]
+    single = DepthProfile.through([[0.0, 5.0], [10.0, 7.0]])
+    repeated = replace(single, period=20.0)
+    depths = [guidance.reference([replace(route, depth=d)], time).depth for d in (single, repeated)]
     assert np.any(depths[0] != depths[1])
 
 
@@ -98,16 +104,16 @@ def test_an_along_track_error_is_caught_up():
     assert flown[:, 4].max() <= 1.0 + 0.3
 
 
-@pytest.mark.parametrize(("known", "duration"), [(True, 120.0), (False, 600.0)])
+@pytest.mark.parametrize(("current_is_known", "duration"), [(True, 120.0), (False, 600.0)])
 @pytest.mark.parametrize("water", [(0.5, 0.0), (-0.3, 0.4), (0.0, -0.6)])
-def test_the_vehicle_crabs_against_a_current(water, known, duration):
+def test_the_vehicle_crabs_against_a_current(water, current_is_known, duration):
     """By a known current, or by the integral of its offset."""
-    _, flown = follow(NORTHBOUND, duration, water=water, known=known)
+    _, flown = follow(NORTHBOUND, duration, water=water, current_is_known=current_is_known)
     # what is left of 1 m/s north over ground without the current
-    through = np.array([0.0, 1.0]) - water
+    through_water = np.array([0.0, 1.0]) - water
     psi, speed = flown[-1, 2], flown[-1, 4]
-    assert psi == pytest.approx(np.arctan2(*through), abs=1e-3)
-    assert speed == pytest.approx(np.hypot(*through), abs=1e-3)
+    assert psi == pytest.approx(np.arctan2(*through_water), abs=1e-3)
+    assert speed == pytest.approx(np.hypot(*through_water), abs=1e-3)
     assert abs(flown[-1, 0]) < 0.01
 
 
@@ -142,9 +148,9 @@ def test_the_current_is_low_passed():
 def test_commands_change_no_faster_than_the_vehicle_may(position, water, time, heading, speed):
     row = guidance.reference([routes.library_route("T8")], np.array([time]))[0, 0]
     memory = record(guidance.GUIDANCE_MEMORY, heading, speed, water)
-    psi, rate, wanted = guidance.steer(row, np.array(position), DT, memory)
+    psi, rate, speed_command = guidance.steer(row, np.array(position), DT, memory)
     assert abs(psi - heading) <= np.deg2rad(10.0) * DT + 1e-12
-    assert abs(wanted - speed) <= 0.2 * DT + 1e-12
+    assert abs(speed_command - speed) <= 0.2 * DT + 1e-12
     assert rate == pytest.approx((psi - heading) / DT)
 
 
@@ -162,8 +168,10 @@ def test_turns_set_in_and_end_smoothly():
     assert table.east == pytest.approx(motion.east)
     assert table.speed == pytest.approx(motion.speed)
     turns = np.flatnonzero(motion.turn_rate)
-    far = np.abs(time - time[turns[0]]) > 1, np.abs(time - time[turns[-1]]) > 1
-    assert table[far[0] & far[1]].course == pytest.approx(motion.course[far[0] & far[1]], abs=1e-9)
+    away_from_ends = np.abs(time - time[turns[0]]) > 1, np.abs(time - time[turns[-1]]) > 1
+    assert table[away_from_ends[0] & away_from_ends[1]].course == pytest.approx(
+        motion.course[away_from_ends[0] & away_from_ends[1]], abs=1e-9
+    )
     # the mean over a width w of a ramp that begins is a parabola of curvature rate / w
     assert table.turn_acceleration.max() == pytest.approx(np.deg2rad(10) / 1.2, rel=1e-6)
     rate = np.gradient(table.course, DT)
@@ -172,9 +180,9 @@ def test_turns_set_in_and_end_smoothly():
 
 def test_accelerations_are_given_early():
     time = np.arange(0, 400, DT)
-    late = guidance.reference([CORNER], time)[:, 0].turn_acceleration
+    on_time = guidance.reference([CORNER], time)[:, 0].turn_acceleration
     early = guidance.reference([CORNER], time, lead=[0.3])[:, 0].turn_acceleration
-    assert early[:-3] == pytest.approx(late[3:], abs=1e-9)
+    assert early[:-3] == pytest.approx(on_time[3:], abs=1e-9)
 
 
 def test_depth_is_smoothed_and_its_rate_is_that_of_the_mean():

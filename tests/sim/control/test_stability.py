@@ -1,6 +1,4 @@
-"""The linear laws whose stability is looked at: gains that belong together, and growth of motions
-whose eigenvalues are known.
-"""
+"""Gains of the linear laws whose stability is examined."""
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ SCENARIO = Scenario(name="s", followers=({"name": "f", "route": "T5", "depth_m":
     ],
 )
 def test_at_rest_each_loop_is_critically_damped(axis: int, angle: int, inertia: str) -> None:
-    """Its rate and its error come back with s² + c s + k = (s + c / 2)²."""
+    """An error fades with the characteristic polynomial s² + c s + k = (s + c / 2)²: c² = 4 k."""
     motion = MotionSettings.of(SCENARIO)
     _, autopilots = calm_plant(hull_of(motion, SCENARIO.leader))
     design = autopilots[0]
