@@ -165,10 +165,10 @@ def test_stations_are_kept_with_travel_times_of_sound() -> None:
 
 
 def test_the_noise_of_a_run_does_not_depend_on_other_vehicles() -> None:
-    alone, controller = simulate_closed_loop(mission(stations=STATIONS[:1]))
+    one_follower, controller = simulate_closed_loop(mission(stations=STATIONS[:1]))
     with_others, controllers = simulate_closed_loop(mission())
     np.testing.assert_array_equal(controller.state.readings[0], controllers.state.readings[0])
-    np.testing.assert_array_equal(alone.position[:, 1], with_others.position[:, 1])
+    np.testing.assert_array_equal(one_follower.position[:, 1], with_others.position[:, 1])
 
 
 CROSSING_STATIONS = [(20.0, 6.0, 12.0), (20.0, -6.0, 12.0)]
@@ -303,24 +303,24 @@ def test_the_controller_does_not_use_the_truth() -> None:
 
 
 def commands_without_messages(
-    seconds: float, formation: Formation, spread: float = 0.0
+    seconds: float, formation: Formation, position_sigma: float = 0.0
 ) -> tuple[Floats, Floats]:
     """Commands of a follower on its station that receives messages for 20 s and then none: heading,
     rate of turn and speed at each tick, shape (n, 3), and depth, shape (n,).
     """
-    law, memory = formation.record(), record(FOLLOWER_MEMORY)
+    formation_record, memory = formation.record(), record(FOLLOWER_MEMORY)
     trail, count, station = (
         records(TRAIL, 50),
         np.zeros(1, dtype=np.int64),
         record(STATION, 20.0, 0.0, 12.0, 0.0),
     )
     reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
-    estimate, rows = record(ESTIMATE), []
-    estimate.position_sigma = spread
+    estimate, commands = record(ESTIMATE), []
+    estimate.position_sigma = position_sigma
     init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
     for second in range(1, 21):
         extend_trail(
-            law,
+            formation_record,
             station,
             message(second, 0.0, second, 0.0, 1.0),
             trail,
@@ -331,8 +331,8 @@ def commands_without_messages(
     for k in range(round(10 * seconds)):
         now = 20.0 + 0.1 * k
         estimate.position[1] = now - 20.0
-        wanted, _ = keep_station(
-            law,
+        wanted_motion, _ = keep_station(
+            formation_record,
             station,
             Senses(reading, estimate),
             (trail, count[0]),
@@ -341,9 +341,9 @@ def commands_without_messages(
             reference,
             NO_PLAN,
         )
-        rows.append((*wanted, reference.depth))
-    table = np.array(rows)
-    return table[:, :3], table[:, 3]
+        commands.append((*wanted_motion, reference.depth))
+    commands_of_ticks = np.array(commands)
+    return commands_of_ticks[:, :3], commands_of_ticks[:, 3]
 
 
 def test_without_messages_a_follower_slows_down_as_its_position_in_the_trail_gets_uncertain() -> (

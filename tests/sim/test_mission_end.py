@@ -106,14 +106,14 @@ def test_a_stepped_mission_ends_where_it_ends_without_steps(
 ) -> None:
     file = tmp_path / f"{name}.toml"
     file.write_text({"sinks": SINKING, "astray": OFF_ROUTE}[name])
-    flown = laisn_sim.fly(file)
+    without_steps = laisn_sim.fly(file)
     sim = laisn_sim.Simulation(file)
     while not sim.done:
         sim.step(duration)
-    assert sim.outcome is flown.outcome is outcome
+    assert sim.outcome is without_steps.outcome is outcome
     stepped = sim.flight()
     assert stepped.outcome is outcome
-    np.testing.assert_array_equal(stepped.trajectory.pose, flown.trajectory.pose)
+    np.testing.assert_array_equal(stepped.trajectory.pose, without_steps.trajectory.pose)
     with pytest.raises(LaisnError, match=f"the mission has ended at {sim.time:g} s"):
         sim.step()
 

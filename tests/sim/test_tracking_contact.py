@@ -146,7 +146,8 @@ def test_a_campaign_names_the_mission_that_contact_ends() -> None:
 def test_facts_list_the_vehicles_in_contact() -> None:
     scenario = meeting()
     assert [
-        row["touched"] for row in facts_of(MotionSettings.of(scenario), simulate_mission(scenario))
+        facts["touched"]
+        for facts in facts_of(MotionSettings.of(scenario), simulate_mission(scenario))
     ] == [1.0, 1.0]
 
 

@@ -216,22 +216,22 @@ def test_a_fleet_moves_level_on_its_course():
         site_vehicle=np.array([0, 1]),
         site_offset=np.array([[1.0, 0, 0], [0, 0, 0.1]]),
     )
-    flown = simulate_points(("leader", "follower"), routes, 1000.0, plant)
-    assert flown.time.size == 10001
-    assert flown.time[-1] == pytest.approx(1000.0)
-    assert np.abs(flown.pitch).max() < 1e-12
-    assert np.abs(flown.roll).max() < 1e-12
-    assert flown.depth[:, 0] == pytest.approx(8.0)
-    assert flown.depth[:, 1] == pytest.approx(12.0)
+    trajectory = simulate_points(("leader", "follower"), routes, 1000.0, plant)
+    assert trajectory.time.size == 10001
+    assert trajectory.time[-1] == pytest.approx(1000.0)
+    assert np.abs(trajectory.pitch).max() < 1e-12
+    assert np.abs(trajectory.roll).max() < 1e-12
+    assert trajectory.depth[:, 0] == pytest.approx(8.0)
+    assert trajectory.depth[:, 1] == pytest.approx(12.0)
     for i, route in enumerate(routes):
-        motion = plan(route).at(flown.time)
-        heading_difference = flown.heading[:, i] - motion.course
+        motion = plan(route).at(trajectory.time)
+        heading_difference = trajectory.heading[:, i] - motion.course
         assert np.abs(signed_angle(heading_difference)).max() < 1e-12
-        assert flown.forward_speed[:, i] == pytest.approx(motion.speed)
-        assert flown.angular_velocity[:, i, 2] == pytest.approx(-motion.turn_rate)
+        assert trajectory.forward_speed[:, i] == pytest.approx(motion.speed)
+        assert trajectory.angular_velocity[:, i, 2] == pytest.approx(-motion.turn_rate)
     # the bow is 1 m along the course, east at first
-    assert flown.site_position[0, 0] == pytest.approx([1.0, 0.0, -8.0])
-    assert flown.site_position[:, 1, 2] == pytest.approx(-11.9)
+    assert trajectory.site_position[0, 0] == pytest.approx([1.0, 0.0, -8.0])
+    assert trajectory.site_position[:, 1, 2] == pytest.approx(-11.9)
 
 
 def route_with_stop(

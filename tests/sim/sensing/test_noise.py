@@ -38,14 +38,14 @@ KNOWN_ANSWERS = [
 
 
 @compiled
-def _philox(numbers: npt.NDArray[np.uint64]) -> tuple[int, int, int, int]:
-    return noise.philox(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
+def _philox(words: npt.NDArray[np.uint64]) -> tuple[int, int, int, int]:
+    return noise.philox(words[0], words[1], words[2], words[3], words[4], words[5])
 
 
 @pytest.mark.parametrize(("counter", "key", "output"), KNOWN_ANSWERS)
 def test_philox_gives_the_published_outputs(counter: str, key: str, output: str) -> None:
-    numbers = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
-    assert [int(word) for word in _philox(numbers)] == [int(word, 16) for word in output.split()]
+    words = np.array([int(word, 16) for word in f"{counter} {key}".split()], dtype=np.uint64)
+    assert [int(word) for word in _philox(words)] == [int(word, 16) for word in output.split()]
 
 
 def test_normals_are_those_of_box_and_muller() -> None:
@@ -125,9 +125,9 @@ def test_a_draw_is_the_same_alone_and_among_others() -> None:
 
 
 def test_followers_share_the_noise_of_the_leader_only() -> None:
-    numbers = [stream.number(follower) for stream in Stream for follower in range(50)]
+    stream_numbers = [stream.number(follower) for stream in Stream for follower in range(50)]
     leader = {s for s in Stream if s.name.startswith("LEADER")}
-    assert len(set(numbers)) == len(leader) + 50 * (len(Stream) - len(leader))
+    assert len(set(stream_numbers)) == len(leader) + 50 * (len(Stream) - len(leader))
     assert all(s.number(0) == s.number(49) for s in leader)
 
 

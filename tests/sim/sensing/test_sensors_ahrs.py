@@ -54,8 +54,8 @@ def apparent_tilt(trajectory: Trajectory) -> Floats:
 
 def test_a_hull_at_rest_shows_its_tilt() -> None:
     pitch, roll = np.deg2rad(7.0), np.deg2rad(-4.0)
-    still = leader_motion(np.zeros((5, 3)), attitude.from_euler(1.1, pitch, roll))
-    assert apparent_tilt(still) == pytest.approx(np.tile([pitch, roll], (5, 1)), abs=1e-12)
+    at_rest = leader_motion(np.zeros((5, 3)), attitude.from_euler(1.1, pitch, roll))
+    assert apparent_tilt(at_rest) == pytest.approx(np.tile([pitch, roll], (5, 1)), abs=1e-12)
 
 
 def test_a_hull_that_speeds_up_seems_to_raise_its_nose() -> None:
