@@ -1,5 +1,5 @@
-"""What the log draws: hulls, ellipses and rays where geometry puts them, and a layout that finds
-its channels.
+"""What the log draws: hulls, ellipses and rays where geometry puts them, and a layout for Foxglove
+that names existing channels.
 """
 
 import json
@@ -56,9 +56,9 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
         + data.geom_xpos[g]
         for g in range(model.ngeom)
     ]
-    expected = np.concatenate(boxes)
+    points_in_model = np.concatenate(boxes)
 
-    def extent(part: Any) -> Any:
+    def corners_of(part: Any) -> Any:
         p, q, rotation = part.pose.position, part.pose.orientation, np.empty(9)
         mujoco.mju_quat2Mat(rotation, np.array([q.w, q.x, q.y, q.z]))
         if hasattr(part, "size"):
@@ -72,9 +72,9 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
     assert shape.frame_locked
     assert shape.frame_id == name
     parts = [*shape.cylinders, *shape.spheres, *shape.cubes, *shape.triangles]
-    shown = np.concatenate([extent(part) for part in parts])
-    np.testing.assert_allclose(shown.min(axis=0), expected.min(axis=0), atol=1e-6)
-    np.testing.assert_allclose(shown.max(axis=0), expected.max(axis=0), atol=1e-6)
+    points_in_scene = np.concatenate([corners_of(part) for part in parts])
+    np.testing.assert_allclose(points_in_scene.min(axis=0), points_in_model.min(axis=0), atol=1e-6)
+    np.testing.assert_allclose(points_in_scene.max(axis=0), points_in_model.max(axis=0), atol=1e-6)
 
 
 def test_fins_of_the_scene_turn_with_their_deflections(
@@ -87,11 +87,11 @@ def test_fins_of_the_scene_turn_with_their_deflections(
     states = flight.trajectory.effector_states.copy()
     states[:, 0], states[10:, 0] = 0.0, [12.0, 0.1, 0.2, -0.1, -0.2]
     trajectory = replace(flight.trajectory, effector_states=states)
-    moved = replace(flight, scenario=scenario, trajectory=trajectory)
-    first, *between, last = messages(write_log(moved, tmp_path), "/scene/hulls")
-    assert len(between) == 29, "one update a second"
+    flight_with_fins = replace(flight, scenario=scenario, trajectory=trajectory)
+    first, *others, last = messages(write_log(flight_with_fins, tmp_path), "/scene/hulls")
+    assert len(others) == 29, "one update a second"
 
-    def turns(update: Any) -> list[Floats]:
+    def quaternions(update: Any) -> list[Floats]:
         (shape,) = (e for e in update.entities if e.id == "leader/hull")
         parts = [part.pose.orientation for part in shape.cubes]
         return [np.array([q.w, q.x, q.y, q.z]) for q in parts]
@@ -101,13 +101,15 @@ def test_fins_of_the_scene_turn_with_their_deflections(
     assert boxes == ["rudder_top", "rudder_bottom", "stern_plane_port", "stern_plane_starboard"]
     # a positive rudder pushes the stern to port and a positive plane lifts it
     expected = [(3, 0.1), (3, 0.2), (2, 0.1), (2, 0.2)]
-    for before, after, (axis, angle) in zip(turns(first), turns(last), expected, strict=True):
-        still, turned = np.empty(4), np.zeros(4)
-        mujoco.mju_negQuat(still, before)
-        mujoco.mju_mulQuat(turned, after, still)
-        wanted = np.zeros(4)
-        wanted[[0, axis]] = np.cos(angle / 2), np.sin(angle / 2)
-        np.testing.assert_allclose(turned, wanted, atol=1e-9)
+    for before, after, (axis, angle) in zip(
+        quaternions(first), quaternions(last), expected, strict=True
+    ):
+        inverse, turned = np.empty(4), np.zeros(4)
+        mujoco.mju_negQuat(inverse, before)
+        mujoco.mju_mulQuat(turned, after, inverse)
+        expected_rotation = np.zeros(4)
+        expected_rotation[[0, axis]] = np.cos(angle / 2), np.sin(angle / 2)
+        np.testing.assert_allclose(turned, expected_rotation, atol=1e-9)
 
 
 def test_the_scene_is_complete_at_every_second(flight: FlightRecord, written: Path) -> None:
@@ -134,10 +136,11 @@ def test_the_scene_is_complete_at_every_second(flight: FlightRecord, written: Pa
 def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(
     flight: FlightRecord, written: Path
 ) -> None:
-    t, m = flight.trajectory, flight.measurements[0]
+    trajectory, measured = flight.trajectory, flight.measurements[0]
     ping = messages(written, "/scene/acoustics")[9].entities[0]
     hydrophone, rear = (
-        t.site_position[100, t.site(s)] for s in ("follower/hydrophone", "leader/tx_rear")
+        trajectory.site_position[100, trajectory.site(s)]
+        for s in ("follower/hydrophone", "leader/tx_rear")
     )
     points = [(p.x, p.y, p.z) for p in ping.lines[0].points]
     assert points[:2] == [tuple(rear), tuple(hydrophone)]
@@ -150,7 +153,7 @@ def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(
     )
     # Pythagoras: slant range, horizontal range and difference in height
     assert (disc.size.x / 2) ** 2 + (rear[2] - hydrophone[2]) ** 2 == pytest.approx(
-        m.ranges[9, 0] ** 2
+        measured.ranges[9, 0] ** 2
     )
     assert len(messages(written, "/scene/acoustics")[12].entities[0].lines[0].points) == 4, (
         "one range was lost"
@@ -158,32 +161,43 @@ def test_a_ping_is_drawn_from_the_transmitters_to_the_hydrophone(
 
 
 def test_the_map_agrees_with_the_ellipsoid() -> None:
-    """Against the exact way: the tangent plane at the origin, in earth-centred coordinates."""
+    """Against the exact transformation: the tangent plane at the origin, in earth-centred
+    coordinates.
+    """
 
     def earth_centred(latitude: Any, longitude: Any, height: Any) -> Any:
-        e2 = FLATTENING * (2 - FLATTENING)
-        n = SEMI_MAJOR_AXIS / np.sqrt(1 - e2 * np.sin(latitude) ** 2)
+        squared_eccentricity = FLATTENING * (2 - FLATTENING)
+        radius_of_curvature = SEMI_MAJOR_AXIS / np.sqrt(
+            1 - squared_eccentricity * np.sin(latitude) ** 2
+        )
         return np.stack(
             [
-                (n + height) * np.cos(latitude) * np.cos(longitude),
-                (n + height) * np.cos(latitude) * np.sin(longitude),
-                (n * (1 - e2) + height) * np.sin(latitude),
+                (radius_of_curvature + height) * np.cos(latitude) * np.cos(longitude),
+                (radius_of_curvature + height) * np.cos(latitude) * np.sin(longitude),
+                (radius_of_curvature * (1 - squared_eccentricity) + height) * np.sin(latitude),
             ]
         )
 
     origin = np.deg2rad([60.0, 18.55])
-    places = np.array([[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [-700, 700, 0]], dtype=float)
-    latitude, longitude, height = geodetic(places, 60.0, 18.55).T
-    apart = (
+    positions = np.array([[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [-700, 700, 0]], dtype=float)
+    latitude, longitude, height = geodetic(positions, 60.0, 18.55).T
+    from_origin = (
         earth_centred(np.deg2rad(latitude), np.deg2rad(longitude), height)
         - earth_centred(origin[0], origin[1], 0.0)[:, None]
     )
-    s, c, sl, cl = np.sin(origin[0]), np.cos(origin[0]), np.sin(origin[1]), np.cos(origin[1])
-    east, north = (
-        -sl * apart[0] + cl * apart[1],
-        -s * cl * apart[0] - s * sl * apart[1] + c * apart[2],
+    sin_latitude, cos_latitude, sin_longitude, cos_longitude = (
+        np.sin(origin[0]),
+        np.cos(origin[0]),
+        np.sin(origin[1]),
+        np.cos(origin[1]),
     )
-    np.testing.assert_allclose(np.column_stack([east, north]), places[:, :2], atol=0.2)
+    east, north = (
+        -sin_longitude * from_origin[0] + cos_longitude * from_origin[1],
+        -sin_latitude * cos_longitude * from_origin[0]
+        - sin_latitude * sin_longitude * from_origin[1]
+        + cos_latitude * from_origin[2],
+    )
+    np.testing.assert_allclose(np.column_stack([east, north]), positions[:, :2], atol=0.2)
 
 
 @pytest.mark.parametrize("followers", [1, 3])
@@ -192,62 +206,64 @@ def test_layout_names_channels_and_fields_of_the_flights_own_vehicles(
 ) -> None:
     flight = make_flight(5.0, followers)
     names = flight.trajectory.names
-    there = Contents(write_log(flight, tmp_path))
-    whole = json.loads(layout(names))
+    contents = Contents(write_log(flight, tmp_path))
+    whole_layout = json.loads(layout(names))
 
     def panels_in(node: Any) -> list[Any]:
         return (
             [node]
             if node["type"] == "panel"
-            else [p for item in node["items"] for p in panels_in(item["content"])]
+            else [panel for item in node["items"] for panel in panels_in(item["content"])]
         )
 
-    panels = panels_in(whole["content"])
+    panels = panels_in(whole_layout["content"])
     configs = {panel["panelType"]: panel["config"] for panel in panels}
     assert configs["ThreeDee"]["followTf"] == "leader"
     topics = {
-        t
-        for p in panels
-        for t in [*p["config"].get("topics", {}), *p["config"].get("topicColors", {})]
+        topic
+        for panel in panels
+        for topic in [*panel["config"].get("topics", {}), *panel["config"].get("topicColors", {})]
     }
-    assert topics | {configs["Log"]["topicToRender"]} <= set(there.topics)
+    assert topics | {configs["Log"]["topicToRender"]} <= set(contents.topics)
     assert {f"/{name}/estimate" for name in names[1:]} <= topics
     assert configs["Image"]["imageMode"]["imageTopic"] == "/camera"
-    without = panels_in(json.loads(layout(names, camera=False))["content"])
-    assert [p for p in panels if p["panelType"] != "Image"] == without
+    panels_without_camera = panels_in(json.loads(layout(names, camera=False))["content"])
+    assert [panel for panel in panels if panel["panelType"] != "Image"] == panels_without_camera
     paths = [
         path["value"].removesuffix(".@rad2deg")
-        for p in panels
-        for path in p["config"].get("paths", [])
+        for panel in panels
+        for path in panel["config"].get("paths", [])
     ]
     # E_P, E_B and three ranges of each follower, and the pitch of each vehicle
     assert len(paths) == len(set(paths)) == 5 * followers + followers + 1
     for topic, _, name in (path.partition(".") for path in paths):
-        assert name in there.topics[topic].message_class.DESCRIPTOR.fields_by_name
+        assert name in contents.topics[topic].message_class.DESCRIPTOR.fields_by_name
 
 
 def test_the_layout_has_the_colours_of_the_film() -> None:
-    for written, (r, g, b) in (
+    for hex_colour, (r, g, b) in (
         (LEADER_HUE, film.LEADER),
         (FOLLOWER_HUE, film.TRUTH),
         (ESTIMATE_HUE, film.ESTIMATE),
     ):
         np.testing.assert_allclose(
-            [int(written[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1
+            [int(hex_colour[i : i + 2], 16) for i in (1, 3, 5)], 255 * np.array([r, g, b]), atol=1
         )
 
 
-def test_trails_of_many_vehicles_have_fewer_points_the_same_wherever_a_part_begins() -> None:
-    """25 trails of 100 s share 500 points: one every 5 s, and the present place."""
+def test_trails_of_many_vehicles_have_the_same_fewer_points_in_any_excerpt() -> None:
+    """25 trails of 100 s share 500 points: one every 5 s, and the present position. Those of an
+    excerpt from 147 s on have the same points.
+    """
     flight = make_flight(300.0, 12)
-    n = flight.trajectory.time.size
-    first = 1470
-    step = first // flight.stride
+    instants = flight.trajectory.time.size
+    first_instant = 1470
+    first_step = first_instant // flight.stride
     estimates = []
-    for whole in flight.estimates:
-        after = whole.fix_step > step
+    for whole_estimates in flight.estimates:
+        is_after = whole_estimates.fix_step > first_step
         of_fixes = {
-            name: getattr(whole, name)[after]
+            name: getattr(whole_estimates, name)[is_after]
             for name in (
                 "fix_position",
                 "fix_sigma",
@@ -256,16 +272,21 @@ def test_trails_of_many_vehicles_have_fewer_points_the_same_wherever_a_part_begi
                 "innovation_covariance",
             )
         }
-        rest = {"state": whole.state[step:], "covariance": whole.covariance[step:]}
-        fix_step = whole.fix_step[after] - step
-        estimates.append(replace(whole, **rest, fix_step=fix_step, **of_fixes))
+        states = {
+            "state": whole_estimates.state[first_step:],
+            "covariance": whole_estimates.covariance[first_step:],
+        }
+        fix_step = whole_estimates.fix_step[is_after] - first_step
+        estimates.append(replace(whole_estimates, **states, fix_step=fix_step, **of_fixes))
     later = replace(
         flight,
-        trajectory=flight.trajectory.part(first, n - 1),
-        measurements=tuple(m.part(step, m.speed.size) for m in flight.measurements),
+        trajectory=flight.trajectory.part(first_instant, instants - 1),
+        measurements=tuple(
+            measured.part(first_step, measured.speed.size) for measured in flight.measurements
+        ),
         estimates=tuple(estimates),
     )
-    draw = draw_vehicles(flight, np.arange(0, n, 10))
+    draw = draw_vehicles(flight, np.arange(0, instants, 10))
     draw_later = draw_vehicles(later, np.arange(0, later.trajectory.time.size, 10))
     for second in range(110, 153):
         update = draw(10**9, 147 + second).encode()

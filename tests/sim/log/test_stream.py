@@ -29,7 +29,7 @@ MESSAGE_DATA = 1
 
 
 class Client:
-    """What a client of a stream gets, by topic."""
+    """A client that subscribes to all channels, and what it gets, by topic."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket = socket
@@ -37,25 +37,25 @@ class Client:
         self.advertised: dict[str, Any] = {}
         self.messages: dict[str, list[tuple[int, bytes]]] = {}
 
-    def take(self, until: int) -> None:
-        """Subscribe to what is advertised and read until so many messages are there."""
-        while sum(map(len, self.messages.values())) < until:
+    def receive_until(self, count: int) -> None:
+        """Subscribe to what is advertised and read until so many messages have come."""
+        while sum(map(len, self.messages.values())) < count:
             data = self.socket.recv(timeout=20)
             if isinstance(data, str):
-                self._told(json.loads(data))
+                self._subscribe(json.loads(data))
             elif data[0] == MESSAGE_DATA:
-                subscription, at = struct.unpack_from("<IQ", data, 1)
-                self.messages.setdefault(self.topics[subscription], []).append((at, data[13:]))
+                subscription, time_ns = struct.unpack_from("<IQ", data, 1)
+                self.messages.setdefault(self.topics[subscription], []).append((time_ns, data[13:]))
 
-    def _told(self, event: dict[str, Any]) -> None:
+    def _subscribe(self, event: dict[str, Any]) -> None:
         if event["op"] != "advertise":
             return
         for channel in event["channels"]:
             self.advertised[channel["topic"]] = channel
             self.topics[channel["id"]] = channel["topic"]
         ids = [channel["id"] for channel in event["channels"]]
-        wanted = [{"id": number, "channelId": number} for number in ids]
-        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        subscriptions = [{"id": number, "channelId": number} for number in ids]
+        self.socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def stream() -> Iterator[FoxgloveStream]:
     stream.close()
 
 
-def flown(flight: FlightRecord, outcome: Termination) -> FlightRecord:
+def with_outcome(flight: FlightRecord, outcome: Termination) -> FlightRecord:
     return dataclasses.replace(flight, outcome=outcome)
 
 
@@ -74,7 +74,7 @@ def test_foxglove_is_served_on_this_machine_alone(stream: FoxgloveStream) -> Non
     assert listening_addresses(int(stream.address.rpartition(":")[2])) == ["0100007F"]
 
 
-def test_a_port_that_is_taken_is_told(stream: FoxgloveStream) -> None:
+def test_a_port_that_is_taken_is_refused(stream: FoxgloveStream) -> None:
     port = int(stream.address.rpartition(":")[2])
     with pytest.raises(LaisnError, match=f"port {port} for Foxglove"):
         FoxgloveStream(port)
@@ -83,33 +83,33 @@ def test_a_port_that_is_taken_is_told(stream: FoxgloveStream) -> None:
 def test_a_client_gets_the_channels_of_the_log(stream: FoxgloveStream) -> None:
     """What is streamed after a client has come are the very messages that the log would hold."""
     flight = make_flight(6.0)
-    begun = flown(make_flight(2.0), Termination.INTERRUPTED)
+    begun = with_outcome(make_flight(2.0), Termination.INTERRUPTED)
     stream.show(begun)  # advertises
-    counts = {c.topic: c.time_ns.size for c in channels(begun, (), ())}
-    counts["/log"] -= 1
-    counts["/tf_static"] = 0
+    sent_before = {channel.topic: channel.time_ns.size for channel in channels(begun, (), ())}
+    sent_before["/log"] -= 1
+    sent_before["/tf_static"] = 0
     expected = {
-        c.topic: [*zip(c.time_ns.tolist(), c.serialised(slice(None)), strict=True)][
-            counts.get(c.topic, 0) :
-        ]
-        for c in channels(flown(flight, Termination.COMPLETED), (), ())
-        if c.time_ns.size
+        channel.topic: [
+            *zip(channel.time_ns.tolist(), channel.serialised(slice(None)), strict=True)
+        ][sent_before.get(channel.topic, 0) :]
+        for channel in channels(with_outcome(flight, Termination.COMPLETED), (), ())
+        if channel.time_ns.size
     }
     with connect(stream.address, subprotocols=PROTOCOLS, max_size=None) as socket:
         client = Client(socket)
         while not client.advertised:
-            client._told(json.loads(str(socket.recv(timeout=20))))
+            client._subscribe(json.loads(str(socket.recv(timeout=20))))
         # a subscription is answered by nothing: what is sent at once could be missed
         time.sleep(0.5)
-        stream.show(flown(flight, Termination.COMPLETED), is_over=True)
-        client.take(sum(map(len, expected.values())))
-    assert set(client.messages) == {topic for topic, rows in expected.items() if rows}
-    for topic, rows in client.messages.items():
-        assert rows == expected[topic], topic
+        stream.show(with_outcome(flight, Termination.COMPLETED), is_over=True)
+        client.receive_until(sum(map(len, expected.values())))
+    assert set(client.messages) == {topic for topic, messages in expected.items() if messages}
+    for topic, messages in client.messages.items():
+        assert messages == expected[topic], topic
     # by the schema that was advertised, the last pose is where the leader is
     pose = decoded(client.advertised["/leader/pose"], client.messages["/leader/pose"][-1][1])
-    place = [getattr(pose.pose.position, axis) for axis in "xyz"]
-    np.testing.assert_allclose(place, flight.trajectory.position[-1, 0], atol=1e-9)
+    position = [getattr(pose.pose.position, axis) for axis in "xyz"]
+    np.testing.assert_allclose(position, flight.trajectory.position[-1, 0], atol=1e-9)
 
 
 def decoded(channel: dict[str, Any], data: bytes) -> Any:

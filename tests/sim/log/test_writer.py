@@ -58,40 +58,40 @@ def test_reading_gives_the_same_flight_to_the_bit(tmp_path: Path, options: dict[
 def test_channels_hold_little_beside_the_flight() -> None:
     flight = make_flight(3000.0)
     truth, estimates = flight.trajectory, flight.estimates[0]
-    held = (
+    bytes_of_flight = (
         sum(array.nbytes for array in truth.arrays.values())
         + estimates.state.nbytes
         + estimates.covariance.nbytes
     )
-    # heading and speed are kept with the trajectory, and imports with the process
+    # the first call computes heading and speed, which the trajectory keeps, and imports modules
     writer.channels(flight, (), ())
     tracemalloc.start()
     try:
-        made = writer.channels(flight, (), ())
-        assert tracemalloc.get_traced_memory()[0] < held / 3
+        channels = writer.channels(flight, (), ())
+        assert tracemalloc.get_traced_memory()[0] < bytes_of_flight / 3
     finally:
         tracemalloc.stop()
-    assert sum(len(channel.time_ns) for channel in made) > 150_000
+    assert sum(len(channel.time_ns) for channel in channels) > 150_000
 
 
 def test_odd_numbers_and_several_fixes_a_step_survive(tmp_path: Path) -> None:
     flight = make_flight(5.0)
-    e = flight.estimates[0]
-    thrice = {
-        f.name: np.repeat(getattr(e, f.name), 3, axis=0)
-        for f in dataclasses.fields(e)
-        if f.name[:2] in ("fi", "in")
+    estimate = flight.estimates[0]
+    fixes_thrice = {
+        field.name: np.repeat(getattr(estimate, field.name), 3, axis=0)
+        for field in dataclasses.fields(estimate)
+        if field.name[:2] in ("fi", "in")
     }
-    state = e.state.copy()
+    state = estimate.state.copy()
     state[0] = [-0.0, 5e-324, np.nextafter(1.0, 2.0), -np.inf]
-    odd = dataclasses.replace(e, **thrice, state=state)
-    flight = dataclasses.replace(flight, estimates=(odd,), outcome=Termination.DIVERGED)
+    odd_estimate = dataclasses.replace(estimate, **fixes_thrice, state=state)
+    flight = dataclasses.replace(flight, estimates=(odd_estimate,), outcome=Termination.DIVERGED)
     writer.write(flight, tmp_path / "a.mcap")
     assert bits(read(tmp_path / "a.mcap")) == bits(flight)
     assert messages(tmp_path / "a.mcap", "/log")[-1].message == Termination.DIVERGED.value
 
 
-def test_same_flight_same_bytes(tmp_path: Path) -> None:
+def test_the_same_flight_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
         writer.write(make_flight(10.0, 2), tmp_path / name, video=[(0.0, b"x"), (3.0, b"y")])
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
@@ -99,18 +99,19 @@ def test_same_flight_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("type_", [*CORE, PLACED_RECEPTION, ERROR], ids=lambda t: t.name)
-def test_rows_match_protobuf(type_: RecordType) -> None:
-    """Zeros included, which protobuf itself would leave out."""
+def test_encoded_messages_are_read_by_protobuf(type_: RecordType) -> None:
+    """All messages of a type are equally long: they hold zeros, which protobuf would leave out."""
     random = np.random.default_rng(1)
-    n = 50
+    message_count = 50
     arrays = {
-        g.attribute: random.integers(-9, 9, (n, *g.shape)) * (1 if g.integer else 0.37)
-        for g in type_.columns
+        group.attribute: random.integers(-9, 9, (message_count, *group.shape))
+        * (1 if group.integer else 0.37)
+        for group in type_.columns
     }
-    rows = type_.rows(arrays)
-    assert len({len(row) for row in rows}) == 1
-    for i, row in enumerate(rows):
-        parsed = type_.message_class.FromString(row)
+    encoded = type_.rows(arrays)
+    assert len({len(data) for data in encoded}) == 1
+    for i, data in enumerate(encoded):
+        parsed = type_.message_class.FromString(data)
         for group in type_.columns:
             values = dict(
                 zip(group.names, arrays[group.attribute][i].ravel().tolist(), strict=True)
@@ -120,7 +121,7 @@ def test_rows_match_protobuf(type_: RecordType) -> None:
             } == values
 
 
-def test_no_rows_make_no_messages() -> None:
+def test_no_numbers_make_no_messages() -> None:
     """A channel may be silent for a whole block: the last message may still be on its way when
     the flight ends.
     """
@@ -139,7 +140,7 @@ def test_channels_times_and_attachments(flight: FlightRecord, written: Path) -> 
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages():
             counts[channel.topic] = counts.get(channel.topic, 0) + 1
-            stamped = {
+            with_timestamp = {
                 "/tf": lambda m: m.transforms[0],
                 "/tf_static": lambda m: m.transforms[0],
                 "/scene/hulls": lambda m: m.entities[0],
@@ -147,7 +148,7 @@ def test_channels_times_and_attachments(flight: FlightRecord, written: Path) -> 
                 "/scene/acoustics": lambda m: m.entities[0],
             }.get(channel.topic, lambda m: m)(decoded)
             if schema.name.startswith("foxglove."):
-                assert stamped.timestamp.ToNanoseconds() == message.log_time
+                assert with_timestamp.timestamp.ToNanoseconds() == message.log_time
             assert message.log_time == message.publish_time
             assert epoch <= message.log_time <= epoch + 30 * 10**9
         attachments = {a.name: a for a in reader.iter_attachments()}
@@ -180,32 +181,34 @@ def test_channels_times_and_attachments(flight: FlightRecord, written: Path) -> 
 
 
 def test_poses_transforms_and_errors_are_the_flight(flight: FlightRecord, written: Path) -> None:
-    t = flight.trajectory
+    trajectory = flight.trajectory
     pose = messages(written, "/follower/pose")[100]
     transforms = [
         *messages(written, "/tf")[100].transforms,
         *messages(written, "/tf_static")[0].transforms,
     ]
     assert (pose.pose.position.x, pose.pose.position.y, pose.pose.position.z) == tuple(
-        t.position[100, 1]
+        trajectory.position[100, 1]
     )
-    q = pose.pose.orientation
-    assert (q.w, q.x, q.y, q.z) == tuple(t.quaternion[100, 1])
-    tree = {x.child_frame_id: x for x in transforms}
-    assert set(tree) == {"leader", "follower", *t.site_names}
-    front, leader = tree["leader/tx_front"], tree["leader"]
+    quaternion = pose.pose.orientation
+    assert (quaternion.w, quaternion.x, quaternion.y, quaternion.z) == tuple(
+        trajectory.quaternion[100, 1]
+    )
+    transform_of = {x.child_frame_id: x for x in transforms}
+    assert set(transform_of) == {"leader", "follower", *trajectory.site_names}
+    front, leader = transform_of["leader/tx_front"], transform_of["leader"]
     assert (front.parent_frame_id, leader.parent_frame_id) == ("leader", "world")
     assert (front.translation.x, front.translation.y, front.translation.z) == (1.0, 0.0, 0.0)
-    assert leader.rotation.w == t.quaternion[100, 0, 0]
+    assert leader.rotation.w == trajectory.quaternion[100, 0, 0]
     error = messages(written, "/follower/error")[-1]
     assert (error.position_error, error.bearing_error) == tuple(
         x[-1] for x in position_and_bearing_errors(flight)[0]
     )
     state = messages(written, "/leader/state")[100]
     assert (state.pitch, state.depth, state.thrust_main) == (
-        t.pitch[100, 0],
-        t.depth[100, 0],
-        t.effector_states[100, 0, 0],
+        trajectory.pitch[100, 0],
+        trajectory.depth[100, 0],
+        trajectory.effector_states[100, 0, 0],
     )
 
 
@@ -243,7 +246,7 @@ def test_video_lies_among_the_messages_in_order_of_time(
             message.log_time
             for _, _, message in make_reader(stream).iter_messages(log_time_order=False)
         ]
-    # the last is the outcome of the flight, which the film goes on after
+    # the last message is the outcome of the flight; the film goes on after its time
     assert times[:-1] == sorted(times[:-1])
     with pytest.raises(ValueError, match="in order of time"):
         writer.write(flight, tmp_path / "b.mcap", video=[(2.0, b""), (1.0, b"")])
@@ -251,7 +254,9 @@ def test_video_lies_among_the_messages_in_order_of_time(
 
 
 @pytest.mark.parametrize("table_format", ["parquet", "csv"])
-def test_export(flight: FlightRecord, written: Path, tmp_path: Path, table_format: Any) -> None:
+def test_exported_tables_hold_the_times_and_numbers_of_channels(
+    flight: FlightRecord, written: Path, tmp_path: Path, table_format: Any
+) -> None:
     import pyarrow.csv
     import pyarrow.parquet
 
@@ -273,17 +278,17 @@ def test_export(flight: FlightRecord, written: Path, tmp_path: Path, table_forma
 def test_the_documented_channels_are_those_of_the_log(flight: FlightRecord, tmp_path: Path) -> None:
     """Topics and types of the table in docs/log.md; and those of what navigators add."""
     text = (Path(__file__).parents[3] / "docs/log.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(/\S*)` \| ((?:foxglove|laisn)\.\w+)", text, re.MULTILINE)
+    table_rows = re.findall(r"^\| `(/\S*)` \| ((?:foxglove|laisn)\.\w+)", text, re.MULTILINE)
     writer.write(flight, tmp_path / "a.mcap", video=[(0.0, b"x")])
     documented = {
         topic.replace("NAME", name).replace("FOLLOWER", name): schema
-        for topic, schema in rows
+        for topic, schema in table_rows
         for name in (["leader", "follower"] if "NAME" in topic else ["follower"])
-        # of other navigators, and of further links
+        # without channels of other navigators, and of further links
         if topic.rpartition("/")[2] not in {type_.topic for type_ in DETAILS.values()}
         and "LINK" not in topic
     }
-    # of a leader that navigates, which this one does not
+    # the table also has that of a leader that navigates, which this one does not
     del documented["/leader/error"]
     actual = {
         topic: messages.schema.name
@@ -293,11 +298,13 @@ def test_the_documented_channels_are_those_of_the_log(flight: FlightRecord, tmp_
         topic: re.sub(r"_[0-9a-f]{8}$", "_", name) for topic, name in actual.items()
     } == documented
     assert {(f"/FOLLOWER/{type_.topic}", type_.schema.name) for type_ in DETAILS.values()} <= set(
-        rows
+        table_rows
     )
 
 
-def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_prints_size_times_channels_and_outcome(
+    written: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     replaying.show_info(written)
     reported = " ".join(capsys.readouterr().out.split())
     size = written.stat().st_size / 1e6
@@ -307,13 +314,13 @@ def test_info(written: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "checksum" not in reported
 
 
-def test_an_epoch_that_no_log_can_hold(flight: FlightRecord, tmp_path: Path) -> None:
+def test_an_epoch_that_no_log_can_hold_is_refused(flight: FlightRecord, tmp_path: Path) -> None:
     for epoch in ("1969-12-31T23:59:59+00:00", "2105-01-01T00:00:00+00:00"):
-        early = dataclasses.replace(
+        with_epoch = dataclasses.replace(
             flight, scenario=flight.scenario.model_copy(update={"epoch": epoch})
         )
         with pytest.raises(ValueError, match="outside 1970 … 2102"):
-            writer.write(early, tmp_path / "a.mcap")
+            writer.write(with_epoch, tmp_path / "a.mcap")
     assert Clock("1970-01-02T01:00:00+01:00").epoch_ns == 86_400 * 10**9
     assert Clock("2026-01-01T00:00:00.000001+00:00").ns([0.1, 0.3]).tolist() == [
         1767225600_100_001_000,
@@ -322,7 +329,7 @@ def test_an_epoch_that_no_log_can_hold(flight: FlightRecord, tmp_path: Path) -> 
 
 
 @pytest.mark.system
-def test_size_and_speed(tmp_path: Path) -> None:
+def test_a_long_log_is_small_and_quickly_written(tmp_path: Path) -> None:
     """1000 s at 10 Hz take less than 10 MB, and 50 000 messages a second of processor time are
     written.
     """

@@ -30,7 +30,7 @@ FOLLOWERS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
     {"name": "astern", "station": {"behind_m": 16.0, "port_m": 0.0, "depth_m": 11.0}},
 ]
-OPEN: dict[str, Any] = {
+ON_ROUTES: dict[str, Any] = {
     "name": "open",
     "duration_s": 230.0,
     "epoch": "2026-05-04T10:00:13Z",
@@ -39,28 +39,30 @@ OPEN: dict[str, Any] = {
     "acoustics": {"loss_probability": 0.2, "travel_time": True},
     "followers": [{"route": "T5"}],
 }
-# messages so far apart that hypotheses of an earlier part of the log hold
-POINTS = OPEN | {
+# kinematic motion, with messages so far apart that hypotheses of an earlier part of the log hold
+RARE_MESSAGES = ON_ROUTES | {
     "duration_s": 240.0,
     "motion": "kinematic",
     "timing": {"filter_step_s": 0.3, "message_interval_s": 120.0},
     "followers": [{"route": "T5"}, {"route": "T3", "name": "other"}],
 }
-CLOSED = OPEN | {
+ON_STATIONS = ON_ROUTES | {
     "name": "closed",
     "navigation": {"variant": "laisn-3-2"},
     "followers": FOLLOWERS,
 }
 
 
-@pytest.mark.parametrize("table", [OPEN, POINTS, CLOSED], ids=["open", "points", "closed"])
+@pytest.mark.parametrize(
+    "table", [ON_ROUTES, RARE_MESSAGES, ON_STATIONS], ids=["open", "points", "closed"]
+)
 def test_a_log_under_way_has_the_bytes_of_the_finished_flight(
     table: dict[str, Any], tmp_path: Path
 ) -> None:
     mission = MissionToFly(as_scenario(table))
     log = writer.FlightLog(tmp_path / "under-way.mcap")
     trajectory, outcome = mission.simulate(log=log)
-    # parts are in the file before the end
+    # a part of the log is in the file before it is finished
     partial = partial_path(tmp_path / "under-way.mcap")
     (tmp_path / "cut.mcap").write_bytes(partial.read_bytes())
     flight = mission.flight(trajectory, outcome)
@@ -73,17 +75,22 @@ def test_a_log_under_way_has_the_bytes_of_the_finished_flight(
     begun = reader.read(recover(tmp_path / "cut.mcap"))
     assert begun.trajectory.time[-1] > 100.0
     assert begun.outcome is Termination.INTERRUPTED
-    require_beginning(begun, flight)
+    require_that_it_begins_as(begun, flight)
 
 
-def require_beginning(begun: FlightRecord, whole: FlightRecord) -> None:
-    """What a flight holds is what another begins with."""
-    n = begun.trajectory.time.size
-    np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:n])
-    for some, all_ in zip(begun.estimates, whole.estimates, strict=True):
-        steps = len(some.state)
-        np.testing.assert_array_equal(some.state, all_.state[:steps])
-        np.testing.assert_array_equal(some.fix_step, all_.fix_step[all_.fix_step <= steps])
+def require_that_it_begins_as(begun: FlightRecord, whole: FlightRecord) -> None:
+    """A flight that was cut off is equal to the beginning of the whole one."""
+    instants = begun.trajectory.time.size
+    np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:instants])
+    for estimates_of_begun, estimates_of_whole in zip(
+        begun.estimates, whole.estimates, strict=True
+    ):
+        steps = len(estimates_of_begun.state)
+        np.testing.assert_array_equal(estimates_of_begun.state, estimates_of_whole.state[:steps])
+        np.testing.assert_array_equal(
+            estimates_of_begun.fix_step,
+            estimates_of_whole.fix_step[estimates_of_whole.fix_step <= steps],
+        )
 
 
 CONTROLLER = """
@@ -123,8 +130,8 @@ def test_a_controller_that_fails_leaves_a_log_until_then(
     assert CliRunner().invoke(app, ["log", "info", str(log)]).exit_code == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_leaves_a_log_until_then(tmp_path: Path, number: signal.Signals) -> None:
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_log_until_then(tmp_path: Path, signal_number: signal.Signals) -> None:
     folder = tmp_path / "flight"
     command = [sys.executable, "-m", "laisn_sim.cli.main", "fly", "T5", "--no-video"]
     # a mission that takes minutes
@@ -136,9 +143,9 @@ def test_a_signal_leaves_a_log_until_then(tmp_path: Path, number: signal.Signals
     partial = partial_path(folder / "unfinished" / "flight.mcap")
     while not partial.exists() and child.poll() is None:
         time.sleep(0.01)
-    child.send_signal(number)
+    child.send_signal(signal_number)
     message = child.communicate(timeout=60)[1]
-    assert child.returncode == 128 + number, message
+    assert child.returncode == 128 + signal_number, message
     [log] = (folder / "unfinished").iterdir()
     assert f"the unfinished flight is in {log.parent}" in message
     flown = reader.read(log)
@@ -149,7 +156,7 @@ def test_a_signal_leaves_a_log_until_then(tmp_path: Path, number: signal.Signals
 
 
 def test_the_log_of_a_simulation_is_that_of_its_flight(tmp_path: Path) -> None:
-    table = CLOSED | {"duration_s": 120.0}
+    table = ON_STATIONS | {"duration_s": 120.0}
     sim = laisn_sim.Simulation(table, log=tmp_path / "a.mcap")
     while not sim.done:
         sim.step(7.3)
@@ -158,7 +165,7 @@ def test_the_log_of_a_simulation_is_that_of_its_flight(tmp_path: Path) -> None:
 
 
 def fly_and_fail(log: Path) -> None:
-    with laisn_sim.Simulation(CLOSED, log=log) as sim:
+    with laisn_sim.Simulation(ON_STATIONS, log=log) as sim:
         sim.step(130.0)
         sim.step(4.2)
         raise ZeroDivisionError
@@ -169,7 +176,7 @@ def test_a_simulation_that_fails_ends_its_log(tmp_path: Path) -> None:
         fly_and_fail(tmp_path / "a.mcap")
     flown = reader.read(tmp_path / "a.mcap")
     assert flown.trajectory.time[-1] == pytest.approx(134.2)
-    require_beginning(flown, laisn_sim.fly(CLOSED))
+    require_that_it_begins_as(flown, laisn_sim.fly(ON_STATIONS))
 
 
 def test_a_script_that_fails_ends_its_log(tmp_path: Path) -> None:

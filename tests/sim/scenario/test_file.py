@@ -44,16 +44,17 @@ def test_the_scenarios_defaults_are_those_of_sensors_and_navigator() -> None:
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0}, "mine.toml"
     )
     assert errors_of(SensingSettings.of(scenario)) == SensorErrors()
-    chosen = navigation_settings(scenario, simulate_motion(scenario).sites, 0)
-    # where the hydrophone sits is the hull's, the depth of the floor the sea's, and no default
-    assert chosen.floor_depth == scenario.ocean.floor_depth_m
-    assert replace(chosen, hydrophone_height=0.0, floor_depth=0.0) == NavigationSettings()
-    tight = scenario_file.validate(
+    navigation = navigation_settings(scenario, simulate_motion(scenario).sites, 0)
+    # the position of the hydrophone is the hull's and the depth of the floor the sea's: they have
+    # no defaults
+    assert navigation.floor_depth == scenario.ocean.floor_depth_m
+    assert replace(navigation, hydrophone_height=0.0, floor_depth=0.0) == NavigationSettings()
+    tight_scenario = scenario_file.validate(
         {**MINIMAL, "motion": "kinematic", "duration_s": 1.0, "navigation": {"variant": "tight"}},
         "mine.toml",
     )
-    settings = navigation_settings(tight, simulate_motion(tight).sites, 0)
-    assert replace(settings, hydrophone_height=0.0, floor_depth=0.0) == TightSettings()
+    tight_settings = navigation_settings(tight_scenario, simulate_motion(tight_scenario).sites, 0)
+    assert replace(tight_settings, hydrophone_height=0.0, floor_depth=0.0) == TightSettings()
 
 
 def test_defaults_are_the_papers() -> None:
@@ -159,22 +160,22 @@ def test_a_depth_profile_replaces_the_saw_tooth() -> None:
     ],
 )
 def test_the_reference_explains_the_unit_of_a_key(key: str, unit: str, scale: float) -> None:
-    _, written, factor = split_unit(key)
-    assert (written, factor) == (unit, pytest.approx(scale, rel=1e-15))
-    head, *rows = reference.text().split(f"`{key} = ")
-    assert rows
+    _, printed_unit, factor = split_unit(key)
+    assert (printed_unit, factor) == (unit, pytest.approx(scale, rel=1e-15))
+    text_before, *entries = reference.text().split(f"`{key} = ")
+    assert entries
     ending = key.removeprefix(split_unit(key)[0])
-    assert f"`{ending}` ({unit})" in head
+    assert f"`{ending}` ({unit})" in text_before
 
 
 def test_the_reference_calls_heading_errors_one_sided() -> None:
-    rows = reference.text().splitlines()
-    own, leader = (
-        next(row for row in rows if row.startswith(f"- `{key}heading_sigma_deg = "))
+    lines = reference.text().splitlines()
+    own_line, leader_line = (
+        next(line for line in lines if line.startswith(f"- `{key}heading_sigma_deg = "))
         for key in ("", "leader_")
     )
-    assert "to starboard, the absolute value of a normal number" in own
-    assert "one-sided" in leader
+    assert "to starboard, the absolute value of a normal number" in own_line
+    assert "one-sided" in leader_line
 
 
 def test_all_errors_are_reported_at_once() -> None:
@@ -184,8 +185,12 @@ def test_all_errors_are_reported_at_once() -> None:
 
 
 def test_overrides_reach_nested_keys_and_list_items() -> None:
-    given = ["followers.0.depth_m=5", "navigation.variant=laisn-3-1", "ocean.waves.kind=jonswap"]
-    table = scenario_file.assigned(MINIMAL, scenario_file.values_of(given))
+    assignments = [
+        "followers.0.depth_m=5",
+        "navigation.variant=laisn-3-1",
+        "ocean.waves.kind=jonswap",
+    ]
+    table = scenario_file.assigned(MINIMAL, scenario_file.values_of(assignments))
     scenario = scenario_file.validate(table, "mine.toml")
     assert scenario.followers[0].depth_m == 5.0
     assert scenario.navigation.variant == "laisn-3-1"
@@ -274,8 +279,8 @@ def test_a_current_profile_is_that_of_the_water() -> None:
         (10.0, 400.0, (0.0, -0.5)),
     ):
         assert scenario.ocean.current_at(depth, time) == pytest.approx(expected, abs=1e-12)
-        at = np.array([[5.0, 6.0, -depth]])
-        assert water.velocity(at, time)[0] == pytest.approx((*expected, 0.0), abs=1e-12)
+        position = np.array([[5.0, 6.0, -depth]])
+        assert water.velocity(position, time)[0] == pytest.approx((*expected, 0.0), abs=1e-12)
     assert scenario.ocean.has_current
     assert not Scenario(
         followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}
@@ -387,9 +392,9 @@ def test_older_names_of_keys_are_accepted_with_a_note() -> None:
     assert [sensor.sensor for sensor in scenario.sensors.custom] == ["gyros"]
     assert "own" not in tomllib.loads(scenario.toml())["sensors"]
     with pytest.warns(LaisnWarning, match=r"sensors\.own is now called sensors\.custom"):
-        changed = laisn_sim.load(scenario, {"sensors.own.0.sensor": "inclinometer"})
-    assert [sensor.sensor for sensor in changed.sensors.custom] == ["inclinometer"]
+        by_older_name = laisn_sim.load(scenario, {"sensors.own.0.sensor": "inclinometer"})
+    assert [sensor.sensor for sensor in by_older_name.sensors.custom] == ["inclinometer"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        again = laisn_sim.load(scenario, {"sensors.custom.0.sensor": "inclinometer"})
-    assert again == changed
+        by_current_name = laisn_sim.load(scenario, {"sensors.custom.0.sensor": "inclinometer"})
+    assert by_current_name == by_older_name
