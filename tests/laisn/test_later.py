@@ -1,4 +1,4 @@
-"""`later`: modules of SciPy that only filterpy's other filters need are loaded once these are used."""
+"""`later`: modules of SciPy for filterpy's other filters are loaded once these filters are used."""
 
 import math
 import subprocess

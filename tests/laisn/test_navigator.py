@@ -207,7 +207,7 @@ def test_online_steps_and_run_are_the_same_to_the_bit(variant: Variant) -> None:
 
 
 def test_a_second_certain_fix_of_a_message_is_skipped() -> None:
-    """LAISN-3(1) dead astern: all pairs snap to the axis; for the second and third S is singular."""
+    """LAISN-3(1) dead astern: all pairs snap to the axis; S is singular for the last two."""
     start = np.array([-20.0, 0.0, 1.0, 0.0])
     navigator = Navigator(NavigationSettings(variant="laisn-3-1", gate="off"), start)
     for _ in range(9):

@@ -48,47 +48,47 @@ def run(line: str) -> str:
 
 
 @pytest.mark.usefixtures("folder")
-def test_it_flies_and_replays_by_its_name() -> None:
+def test_a_navigator_of_a_plugin_flies_and_replays_by_its_name() -> None:
     run(
         "fly reckoned.toml --plugin dead_reckoning.py --no-video --out out --set "
         "navigation.custom.current_east_m_s=0.25"
     )
     flight = laisn_sim.read_log("out/flight.mcap")
-    (own,), (measured,) = flight.estimates, flight.measurements
+    (estimates,), (measured,) = flight.estimates, flight.measurements
     # log and compass alone, by hand
     east = measured.dt * (measured.speed * np.sin(measured.heading) + 0.25).sum()
-    start = laisn_sim.load("reckoned.toml")
-    first = laisn_sim.fly(start, {"duration_s": 0.2}).hydrophone(0)[0]
-    assert own.state[-1, 0] - own.state[0, 0] == pytest.approx(
+    scenario = laisn_sim.load("reckoned.toml")
+    start_position = laisn_sim.fly(scenario, {"duration_s": 0.2}).hydrophone(0)[0]
+    assert estimates.state[-1, 0] - estimates.state[0, 0] == pytest.approx(
         east - measured.dt * (measured.speed[0] * np.sin(measured.heading[0]) + 0.25)
     )
-    np.testing.assert_allclose(own.state[0, :2], first[:2], atol=0.5)
-    again = laisn_sim.navigate(flight, {"navigation.custom.current_east_m_s": 0.0})
-    shift = own.state[:, 0] - again.estimates[0].state[:, 0]
+    np.testing.assert_allclose(estimates.state[0, :2], start_position[:2], atol=0.5)
+    without_current = laisn_sim.navigate(flight, {"navigation.custom.current_east_m_s": 0.0})
+    shift = estimates.state[:, 0] - without_current.estimates[0].state[:, 0]
     np.testing.assert_allclose(shift, 0.25 * measured.time, atol=1e-9)
     assert f"replayed, {NAME}" in run(f"replay out/flight.mcap --variant {NAME}")
 
 
 @pytest.mark.system
 @pytest.mark.usefixtures("folder")
-def test_a_study_compares_it_with_others() -> None:
+def test_a_study_compares_a_navigator_of_a_plugin_with_others() -> None:
     results = laisn_sim.study(
         "reckoned.toml", vary={"navigation.variant": [NAME, "laisn-2"]}, runs=3, out="study"
     )
     rows = {row["variant"]: row for row in results.table.rows()}
-    alone = [
+    mean_errors = [
         laisn_sim.errors(laisn_sim.fly("reckoned.toml", {"run": run}))["e_p_m"].mean()
         for run in range(3)
     ]
-    assert rows[NAME]["e_p_mean_m"] == pytest.approx(np.mean(alone), rel=1e-12)
+    assert rows[NAME]["e_p_mean_m"] == pytest.approx(np.mean(mean_errors), rel=1e-12)
     assert rows[NAME]["e_p_mean_m"] != rows["laisn-2"]["e_p_mean_m"]
 
 
-def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
+def test_the_key_of_a_result_holds_the_source_of_its_navigator(folder: Path) -> None:
     (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text())
     laisn_sim.load_plugin("another.py")
     scenario = laisn_sim.load("reckoned.toml", {"navigation.variant": "another:DeadReckoning"})
-    # of a cell, and of a task that is given the scenario
+    # keys of a scenario, and of a task with the scenario as argument
     before = key_of(scenario), key_of(partial(simulate_mission, scenario))
     assert key_of(scenario) == before[0]
     (folder / "another.py").write_text((folder / "dead_reckoning.py").read_text() + "# another\n")
@@ -116,7 +116,9 @@ def test_the_key_of_its_results_holds_its_source(folder: Path) -> None:
         ),
     ],
 )
-def test_missing_methods_are_reported(changes: dict[str, object], expected: str) -> None:
+def test_a_navigator_that_cannot_be_used_is_reported(
+    changes: dict[str, object], expected: str
+) -> None:
     with pytest.raises(LaisnError) as error:
         laisn_sim.load("reckoned.toml", changes)
     assert expected in str(error.value)
@@ -126,13 +128,13 @@ def test_missing_methods_are_reported(changes: dict[str, object], expected: str)
 def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
     settings = {"navigation.variant": "odometry", "duration_s": 20.0}
     flight = laisn_sim.fly("T5", settings)
-    (own,), (measured,) = flight.estimates, flight.measurements
+    (estimates,), (measured,) = flight.estimates, flight.measurements
     navigator = sys.modules["odometry"].Odometry(
-        flight.scenario.navigation.settings(), own.state[0]
+        flight.scenario.navigation.settings(), estimates.state[0]
     )
     for motion, reception in list(measured.steps())[1:]:
         navigator.step(motion, reception, 0.1)
-    np.testing.assert_allclose(own.state[-1, :2], navigator.state[:2], atol=1e-9)
+    np.testing.assert_allclose(estimates.state[-1, :2], navigator.state[:2], atol=1e-9)
     closed = laisn_sim.fly("T5", settings | {"followers.0.guidance_position": "estimate"})
     assert np.isfinite(closed.estimates[0].state).all()
 
@@ -140,18 +142,18 @@ def test_a_class_with_a_step_runs_over_missions_and_in_closed_loops() -> None:
 @pytest.mark.system
 @pytest.mark.usefixtures("folder")
 def test_a_study_takes_classes_as_arms() -> None:
-    own = sys.modules["odometry"].Odometry
+    odometry = sys.modules["odometry"].Odometry
     changes = {"duration_s": 20.0, "motion": "kinematic"}
     results = laisn_sim.study(
-        "T3", set=changes, navigators={"mine": own, "EKF": "ekf"}, runs=2, out="arms"
+        "T3", set=changes, navigators={"mine": odometry, "EKF": "ekf"}, runs=2, out="arms"
     )
     rows = {row["arm"]: row["e_p_mean_m"] for row in results.table.rows()}
-    alone = [laisn_sim.fly("T3", changes | {"run": run}, navigator=own) for run in range(2)]
+    flights = [laisn_sim.fly("T3", changes | {"run": run}, navigator=odometry) for run in range(2)]
     assert rows["mine"] == pytest.approx(
-        np.mean([laisn_sim.errors(one)["e_p_m"].mean() for one in alone]), rel=1e-12
+        np.mean([laisn_sim.errors(flight)["e_p_m"].mean() for flight in flights]), rel=1e-12
     )
     assert set(rows) == {"mine", "EKF"}
-    local = type("Local", (own,), {"__module__": "__main__"})
+    local = type("Local", (odometry,), {"__module__": "__main__"})
     with pytest.raises(LaisnError, match="in a file of its own"):
         laisn_sim.study("T3", navigators={"mine": local})
 
@@ -165,8 +167,8 @@ def test_a_controller_of_the_page_follows_the_leader() -> None:
     }
     flight = laisn_sim.fly("T5", settings)
     leader, follower = flight.trajectory.position[:, 0, :2], flight.trajectory.position[:, 1, :2]
-    away = np.hypot(*(leader - follower).T)
-    assert abs(away[-1] - 30.0) < min(abs(away[0] - 30.0), 8.0)
+    distance = np.hypot(*(leader - follower).T)
+    assert abs(distance[-1] - 30.0) < min(abs(distance[0] - 30.0), 8.0)
 
 
 def test_a_scenario_or_a_log_loads_no_code(
@@ -207,13 +209,13 @@ def test_a_plugin_that_cannot_be_loaded_is_named(
 
 
 @pytest.mark.usefixtures("folder")
-def test_followers_that_steer_by_it_need_its_step() -> None:
+def test_followers_that_steer_by_estimates_need_a_navigator_with_a_step() -> None:
     steering = {"motion": "physics", "followers.0.guidance_position": "estimate", "duration_s": 2}
     with pytest.raises(LaisnError, match="has no `step`"):
         laisn_sim.fly("reckoned.toml", steering)
 
 
-EXACT = {
+WITHOUT_ERRORS = {
     "duration_s": 20.0,
     "sensors.custom": [{"sensor": "inverted_usbl:InvertedUsbl", "angle_sigma_deg": 0.0}],
 }
@@ -224,43 +226,50 @@ def test_a_sensor_reads_the_direction_of_a_ping_in_the_hull() -> None:
     """Heading plus azimuth is the compass direction of the transmitter; point motion is level
     but for dives.
     """
-    flight = laisn_sim.fly("usbl.toml", EXACT)
+    flight = laisn_sim.fly("usbl.toml", WITHOUT_ERRORS)
     (measured,), truth = flight.measurements, flight.trajectory
-    at = measured.message_step
-    away = truth.site_path("leader/tx_front")[at] - truth.site_path("follower/hydrophone")[at]
-    azimuth, elevation = measured.custom["bearing"][at - 1].T
-    assert np.cos(truth.heading[at, 1] + azimuth - np.arctan2(*away[:, :2].T)) == pytest.approx(
-        1.0, abs=1e-9
+    message_step = measured.message_step
+    to_transmitter = (
+        truth.site_path("leader/tx_front")[message_step]
+        - truth.site_path("follower/hydrophone")[message_step]
     )
-    assert elevation == pytest.approx(np.arctan2(away[:, 2], np.hypot(*away[:, :2].T)), abs=1e-9)
-    assert np.isfinite(measured.custom["bearing"]).all(axis=1).sum() == at.size
-    part = excerpt(flight, 5.0, 15.0)
+    azimuth, elevation = measured.custom["bearing"][message_step - 1].T
+    assert np.cos(
+        truth.heading[message_step, 1] + azimuth - np.arctan2(*to_transmitter[:, :2].T)
+    ) == pytest.approx(1.0, abs=1e-9)
+    assert elevation == pytest.approx(
+        np.arctan2(to_transmitter[:, 2], np.hypot(*to_transmitter[:, :2].T)), abs=1e-9
+    )
+    assert np.isfinite(measured.custom["bearing"]).all(axis=1).sum() == message_step.size
+    cut = excerpt(flight, 5.0, 15.0)
     np.testing.assert_array_equal(
-        part.measurements[0].custom["bearing"], measured.custom["bearing"][50:150]
+        cut.measurements[0].custom["bearing"], measured.custom["bearing"][50:150]
     )
 
 
 @pytest.mark.usefixtures("folder")
-def test_its_errors_are_those_of_its_stream_and_are_lost_with_the_message() -> None:
+def test_a_sensors_errors_are_those_of_its_stream_and_lost_with_the_message() -> None:
     lossy = {"acoustics.loss_probability": 0.4, "run": 3}
-    exact = laisn_sim.fly("usbl.toml", EXACT | lossy).measurements[0]
+    exact = laisn_sim.fly("usbl.toml", WITHOUT_ERRORS | lossy).measurements[0]
     noisy = laisn_sim.fly("usbl.toml", {"duration_s": 20.0, **lossy}).measurements[0]
-    at = exact.message_step - 1
+    message_rows = exact.message_step - 1
     received = np.isfinite(exact.ranges).any(axis=1)
-    assert 0 < received.sum() < at.size
-    np.testing.assert_array_equal(np.isfinite(noisy.custom["bearing"][at, 0]), received)
-    drawn = normals(1, 3, 16, np.arange(1, 201))[at[received]]
-    actual = (noisy.custom["bearing"] - exact.custom["bearing"])[at[received]]
+    assert 0 < received.sum() < message_rows.size
+    np.testing.assert_array_equal(np.isfinite(noisy.custom["bearing"][message_rows, 0]), received)
+    drawn = normals(1, 3, 16, np.arange(1, 201))[message_rows[received]]
+    actual = (noisy.custom["bearing"] - exact.custom["bearing"])[message_rows[received]]
     np.testing.assert_allclose(actual, np.deg2rad(1.0) * drawn, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(noisy.speed, exact.speed)
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_navigator_uses_it_in_flights_and_studies() -> None:
+def test_a_navigator_uses_a_custom_sensor_in_flights_and_studies() -> None:
     flight = laisn_sim.fly("usbl.toml")
-    blind = laisn_sim.navigate(flight, {"navigation.variant": NAME})
-    near, far = (laisn_sim.errors(one)["e_p_m"].mean() for one in (flight, blind))
-    assert near < 0.2 * far
+    dead_reckoned = laisn_sim.navigate(flight, {"navigation.variant": NAME})
+    with_sensor, without_sensor = (
+        laisn_sim.errors(estimated)["e_p_m"].mean() for estimated in (flight, dead_reckoned)
+    )
+    assert with_sensor < 0.2 * without_sensor
     cell = Cell.of(flight.scenario, runs=2)
     assert simulate(cell).row["e_p_mean_m"] == pytest.approx(
         np.mean(
@@ -287,7 +296,7 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
 
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize(
-    ("own", "expected"),
+    ("sensor", "expected"),
     [
         (
             {"sensor": "inverted_usbl:Usbl"},
@@ -300,12 +309,12 @@ def test_the_key_of_a_result_holds_the_source_of_its_sensors(folder: Path) -> No
         ({"sensor": "inverted_usbl"}, r"sensors.custom\[0\].sensor"),
     ],
 )
-def test_missing_methods_of_a_sensor_are_reported(own: dict[str, object], expected: str) -> None:
+def test_a_sensor_that_cannot_be_used_is_reported(sensor: dict[str, object], expected: str) -> None:
     with pytest.raises(LaisnError, match=expected):
-        laisn_sim.load("usbl.toml", {"sensors.custom": [own]})
+        laisn_sim.load("usbl.toml", {"sensors.custom": [sensor]})
 
 
-def test_all_code_that_the_registry_names_is_there() -> None:
+def test_all_code_that_the_registry_names_exists() -> None:
     from pkgutil import resolve_name
 
     for spec in NAVIGATORS.values():

@@ -1,4 +1,4 @@
-"""`laisn` runs on a vehicle: without MuJoCo, without the simulator, on four packages."""
+"""`laisn` runs on a vehicle: without MuJoCo and the simulator, on the packages `NEEDED` alone."""
 
 import json
 import subprocess
@@ -51,7 +51,7 @@ for package in ("mujoco", "pydantic", "sim"):
 
 
 def measurements() -> Measurements:
-    """The same, of the whole mission."""
+    """The readings of `ONBOARD` as one mission."""
     steps = np.arange(10, 51, 10)
     unknown = [np.nan] * (len(LeaderMessage._fields) - 6)
     return Measurements(
@@ -67,13 +67,13 @@ def measurements() -> Measurements:
 
 @pytest.mark.system
 def test_navigators_run_without_the_simulator_and_what_it_needs() -> None:
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", ONBOARD], capture_output=True, text=True, timeout=300, check=False
     )
-    assert done.returncode == 0, done.stderr
-    states = json.loads(done.stdout)
-    kinds: dict[str, Settings] = {"laisn-2": NavigationSettings(), "tight": TightSettings()}
-    for variant, settings in kinds.items():
+    assert process.returncode == 0, process.stderr
+    states = json.loads(process.stdout)
+    settings_of: dict[str, Settings] = {"laisn-2": NavigationSettings(), "tight": TightSettings()}
+    for variant, settings in settings_of.items():
         navigator = find(variant).make(settings, np.array([0.0, 0.0, 0.0, 1.0]))
-        whole = navigator.run(measurements())
-        assert states[variant] == whole.state[-1].tolist()
+        estimates = navigator.run(measurements())
+        assert states[variant] == estimates.state[-1].tolist()

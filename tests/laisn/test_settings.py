@@ -1,4 +1,4 @@
-"""Settings of all navigators: what each number may be."""
+"""Settings of navigators and of the bound: which numbers and choices are accepted."""
 
 from dataclasses import fields
 from typing import Any
@@ -17,13 +17,17 @@ POSITIVE: dict[type, set[str]] = {
     BeaconSettings: {"dt", "baseline", "start_sigma", "range_sigma", "outlier_span"},
     TrueNoise: set(),
 }
-"""Settings that may not be 0: what is divided by."""
+"""Settings that may not be 0, as something is divided by them."""
 
 
-@pytest.mark.parametrize("kind", POSITIVE)
-def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(kind: Any) -> None:
+@pytest.mark.parametrize("settings_type", POSITIVE)
+def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(
+    settings_type: Any,
+) -> None:
     for name in (
-        item.name for item in fields(kind) if isinstance(getattr(kind(), item.name), float)
+        item.name
+        for item in fields(settings_type)
+        if isinstance(getattr(settings_type(), item.name), float)
     ):
         if name == "outlier_probability":
             for chance in (0.0, 1.0, -0.1, 1.1, np.nan):
@@ -31,34 +35,38 @@ def test_numbers_are_finite_and_not_negative_but_for_heights_and_offsets(kind: A
                     ValueError,
                     match=f"outlier_probability is {chance}, expected a number between 0 and 1",
                 ):
-                    kind(outlier_probability=chance)
+                    settings_type(outlier_probability=chance)
             continue
-        refused, taken = [np.nan, np.inf, -1e-9], [1e-9, 1e9]
+        refused, accepted = [np.nan, np.inf, -1e-9], [1e-9, 1e9]
         if name in SIGNED:
-            refused, taken = [np.nan, np.inf], [-1.0, 0.0, 1.0]
-        elif name in POSITIVE[kind]:
+            refused, accepted = [np.nan, np.inf], [-1.0, 0.0, 1.0]
+        elif name in POSITIVE[settings_type]:
             refused = [*refused, 0.0]
         else:
-            taken = [*taken, 0.0]
-        for value in taken:
-            assert getattr(kind(**{name: value}), name) == value
+            accepted = [*accepted, 0.0]
+        for value in accepted:
+            assert getattr(settings_type(**{name: value}), name) == value
         bound = (
-            "" if name in SIGNED else ", positive" if name in POSITIVE[kind] else ", zero or more"
+            ""
+            if name in SIGNED
+            else ", positive"
+            if name in POSITIVE[settings_type]
+            else ", zero or more"
         )
         for value in refused:
             with pytest.raises(
                 ValueError, match=rf"{name} is {value}, expected a finite number{bound}$"
             ):
-                kind(**{name: value})
+                settings_type(**{name: value})
 
 
 @pytest.mark.parametrize("name", ["variant", "gate", "side_rule"])
-def test_choices_are_those_that_there_are(name: str) -> None:
+def test_an_unknown_choice_is_refused_with_those_available(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name} is 'sideways'; available: "):
         NavigationSettings(**{name: "sideways"})  # type: ignore[arg-type]
 
 
-def test_how_many_transmitters_there_are() -> None:
+def test_variants_have_two_or_three_transmitters_and_offsets_for_each() -> None:
     """The paper's Section 2.2 has two, 2.3 has three."""
     others = ("laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main")
     assert [transmitters_of("laisn-2"), *(transmitters_of(v) for v in others)] == [2, 3, 3, 3, 3]  # type: ignore[arg-type]

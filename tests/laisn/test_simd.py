@@ -1,4 +1,4 @@
-"""Masks of lanes: which conditions hold in any of them, and in all."""
+"""Masks of lanes: whether a condition holds in any lane, and in all."""
 
 import numpy as np
 

@@ -92,16 +92,16 @@ def test_memory_is_released_again_and_again_until_the_block_is_over(
     assert not released.acquire(timeout=0.05)
 
 
-def test_copies_of_long_arrays_are_in_files_in_the_order_of_the_given_ones() -> None:
+def test_copies_of_long_arrays_are_in_files_and_keep_the_memory_order() -> None:
     n = spilled.SPILLED_FROM
     table = np.arange(4.0 * n).reshape(n, 4)
     estimates = Estimates.of(table, np.zeros((n, 4, 4)), [])
     assert estimates.state is not table
     assert spilled.is_spilled(estimates.state.base)
     np.testing.assert_array_equal(estimates.state, table)
-    turned = Estimates.of(np.asfortranarray(table), np.zeros((n, 4, 4)), [])
-    assert turned.state.flags.f_contiguous
-    np.testing.assert_array_equal(turned.state, table)
+    column_major = Estimates.of(np.asfortranarray(table), np.zeros((n, 4, 4)), [])
+    assert column_major.state.flags.f_contiguous
+    np.testing.assert_array_equal(column_major.state, table)
 
 
 def test_a_table_of_fixes_grows_and_gives_what_they_hold() -> None:

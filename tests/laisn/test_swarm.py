@@ -13,7 +13,7 @@ from laisn.messages import Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
 from laisn.settings import VARIANTS, NavigationSettings, TightSettings
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, SwarmRecord
-from laisn.tight import navigator as mission
+from laisn.tight import navigator as tight
 from laisn.tight.model import refresh_output
 from laisn.tight.navigator import TightNavigator
 from tests.laisn.tight.mission import details
@@ -32,37 +32,37 @@ def shared_voyage() -> tuple[list[Step], Floats]:
     """
     rng = np.random.default_rng(8)
     steps, start = Voyage(seed=2, messages=8, turn_sigma=0.05, offset=(-15.0, 9.0)).readings()
-    mine: list[Step] = []
+    voyage: list[Step] = []
     for own, reception, _ in steps:
-        owns = [
+        own_motions = [
             OwnMotion(*(np.array(own[:3]) + 0.02 * rng.normal(size=3))) for _ in range(FOLLOWERS)
         ]
-        arrived: list[Reception | None] = [None] * FOLLOWERS
+        receptions: list[Reception | None] = [None] * FOLLOWERS
         if reception is not None:
             ranges = np.array(reception.ranges) + 0.02 * rng.normal(size=(FOLLOWERS, 3))
             ranges[rng.random(ranges.shape) < 0.1] = np.nan
-            arrived = [
+            receptions = [
                 Reception(reception.message, Ranges(*row)) if rng.random() < 0.8 else None
                 for row in ranges.tolist()
             ]
-        mine.append((owns, arrived))
+        voyage.append((own_motions, receptions))
     starts = np.column_stack(
         [start + 0.3 * rng.normal(size=(FOLLOWERS, 2)), rng.normal(size=(FOLLOWERS, 2))]
     )
-    return mine, starts
+    return voyage, starts
 
 
 def tables(step: Step) -> tuple[Records, Bools, Records, Floats]:
     """Readings, reception flags, messages and ranges, as compiled swarms take them."""
-    owns, arrived = step
-    received = np.array([h is not None for h in arrived])
+    own_motions, receptions = step
+    received = np.array([h is not None for h in receptions])
     messages, ranges = records(MESSAGE, FOLLOWERS), np.full((FOLLOWERS, 3), 7.0)
     messages.fill(np.nan)
-    for i, reception in enumerate(arrived):
+    for i, reception in enumerate(receptions):
         if reception is not None:
             messages[i], ranges[i] = tuple(reception.message), reception.ranges
     readings = records(READING, FOLLOWERS)
-    readings.speed, readings.heading, readings.depth = np.array([own[:3] for own in owns]).T
+    readings.speed, readings.heading, readings.depth = np.array([own[:3] for own in own_motions]).T
     return readings, received, messages, ranges
 
 
@@ -73,13 +73,13 @@ def new_record(steps: list[Step], kind: type[Estimates] = Estimates) -> SwarmRec
 
 def measurements_of(steps: list[Step], follower: int) -> Measurements:
     """The same voyage as one follower measures it."""
-    owns = np.array([owns[follower][:3] for owns, _ in steps])
+    own_motions = np.array([own_motions[follower][:3] for own_motions, _ in steps])
     receptions = [(k, r[follower]) for k, (_, r) in enumerate(steps, start=1) if r[follower]]
     return Measurements(
         dt=DT,
-        speed=owns[:, 0],
-        heading=owns[:, 1],
-        depth=owns[:, 2],
+        speed=own_motions[:, 0],
+        heading=own_motions[:, 1],
+        depth=own_motions[:, 2],
         message_step=np.array([k for k, _ in receptions]),
         message=np.array([reception.message for _, reception in receptions if reception]),
         ranges=np.array([reception.ranges for _, reception in receptions if reception]),
@@ -90,9 +90,9 @@ def require_equal(actual: Estimates, expected: Estimates, tolerance: float) -> N
     """All arrays agree, where they hold numbers."""
     assert type(actual) is type(expected)
     for field in fields(expected):
-        values = getattr(expected, field.name)
+        expected_values = getattr(expected, field.name)
         np.testing.assert_allclose(
-            getattr(actual, field.name), values, rtol=0, atol=tolerance, err_msg=field.name
+            getattr(actual, field.name), expected_values, rtol=0, atol=tolerance, err_msg=field.name
         )
 
 
@@ -120,7 +120,7 @@ def test_a_tight_swarm_records_what_a_navigator_concludes_to_the_bit(
 ) -> None:
     settings = replace(settings, dt=DT)
     steps, starts = shared_voyage()
-    swarm = mission.new_tight_swarm(settings, starts)
+    swarm = tight.new_tight_swarm(settings, starts)
     recorded = new_record(steps, TightEstimates)
     for k, step in enumerate(steps, start=1):
         swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
@@ -130,12 +130,12 @@ def test_a_tight_swarm_records_what_a_navigator_concludes_to_the_bit(
         assert expected.fix_step.size > 3
 
 
-def test_states_alone_are_recorded_where_there_is_no_room_for_more() -> None:
+def test_without_whole_records_states_alone_are_recorded() -> None:
     settings = replace(ALL_OF_2, dt=DT)
     steps, starts = shared_voyage()
     states = []
     for whole in (True, False):
-        swarm = mission.new_tight_swarm(settings, starts)
+        swarm = tight.new_tight_swarm(settings, starts)
         recorded = SwarmRecord.empty(FOLLOWERS, len(steps), len(steps), TightEstimates, whole=whole)
         for k, step in enumerate(steps, start=1):
             swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
@@ -145,15 +145,15 @@ def test_states_alone_are_recorded_where_there_is_no_room_for_more() -> None:
 
 
 @pytest.mark.parametrize("variant", ["laisn-2", "laisn-3-1"])
-def test_a_swarm_of_lanes_is_so_many_navigators(variant: str) -> None:
+def test_a_swarm_of_lanes_agrees_with_navigators_of_one_follower(variant: str) -> None:
     settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
     steps, starts = shared_voyage()
-    together, alone = new_lanes(settings, starts), [Navigator(settings, row) for row in starts]
+    swarm, navigators = new_lanes(settings, starts), [Navigator(settings, row) for row in starts]
     out = records(ESTIMATE, FOLLOWERS)
     recorded = new_record(steps)
     for k, step in enumerate(steps, start=1):
-        assert together.navigate(k, *tables(step), out, recorded) == 0
-        for i, navigator in enumerate(alone):
+        assert swarm.navigate(k, *tables(step), out, recorded) == 0
+        for i, navigator in enumerate(navigators):
             navigator.step(step[0][i], step[1][i])
             actual = [*out[i].position, *out[i].velocity]
             np.testing.assert_allclose(actual, navigator.state, rtol=0, atol=1e-9)
@@ -174,22 +174,24 @@ def test_there_is_a_lane_for_each_of_sixty_four_followers_and_no_more() -> None:
 @pytest.mark.parametrize(
     "settings", [ALL_OF_2, TightSettings(known_start=False)], ids=["all of 2", "start of 3"]
 )
-def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: TightSettings) -> None:
-    """Spread is the largest standard deviation of the place at the last message; lean is the way to
-    the likelier of two places, where twice their spreads do not meet; the rest are means over the
-    mixture.
+def test_a_tightly_coupled_swarm_is_navigators_of_one_follower_to_the_bit(
+    settings: TightSettings,
+) -> None:
+    """`position_sigma` is the largest standard deviation of the position at the last message,
+    `offset_to_likelier` that from the mean to the likelier of two positions, where twice their
+    standard deviations do not overlap; the rest are means over the mixture.
     """
     settings = replace(settings, dt=DT)
     steps, starts = shared_voyage()
-    together, alone = (
-        mission.new_tight_swarm(settings, starts),
+    swarm, navigators = (
+        tight.new_tight_swarm(settings, starts),
         [TightNavigator(settings, row) for row in starts],
     )
-    out, leant, upright = records(ESTIMATE, FOLLOWERS), 0, 0
+    out, leaning_count, other_count = records(ESTIMATE, FOLLOWERS), 0, 0
     recorded = new_record(steps, TightEstimates)
     for k, step in enumerate(steps, start=1):
-        assert together.navigate(k, *tables(step), out, recorded) == 0
-        for i, navigator in enumerate(alone):
+        assert swarm.navigate(k, *tables(step), out, recorded) == 0
+        for i, navigator in enumerate(navigators):
             updates = navigator.step(step[0][i], step[1][i])
             assert out[i].position.tobytes() == navigator.state[:2].tobytes()
             if np.isfinite(navigator.state).all():
@@ -199,58 +201,67 @@ def test_a_tightly_coupled_swarm_is_so_many_navigators_to_the_bit(settings: Tigh
                 current = x[6:8] if settings.assume.current else np.zeros(2)
                 actual = [out[i].log_bias, out[i].compass_bias, *out[i].current]
                 np.testing.assert_allclose(actual, [x[2], x[3], *current], rtol=0, atol=1e-12)
-                off = update.hypothesis - x[:2]
-                spread = update.hypothesis_covariance + off[:, :, None] * off[:, None, :]
-                largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, spread))[-1]
+                offsets = update.hypothesis - x[:2]
+                second_moments = (
+                    update.hypothesis_covariance + offsets[:, :, None] * offsets[:, None, :]
+                )
+                largest = np.linalg.eigvalsh(np.einsum("h,hij->ij", update.weight, second_moments))[
+                    -1
+                ]
                 assert out[i].position_sigma == pytest.approx(np.sqrt(largest), rel=1e-9)
                 if settings.assume.drift:
                     continue
-                lean = np.zeros(2)
+                expected = np.zeros(2)
                 if update.weight.size > 1:
-                    apart = update.hypothesis[0] - update.hypothesis[1]
-                    along = apart / np.hypot(*apart)
-                    spreads = np.sqrt(
-                        [along @ update.hypothesis_covariance[h] @ along for h in range(2)]
+                    between = update.hypothesis[0] - update.hypothesis[1]
+                    direction = between / np.hypot(*between)
+                    sigmas = np.sqrt(
+                        [direction @ update.hypothesis_covariance[h] @ direction for h in range(2)]
                     )
-                    lean = off[0] * (np.hypot(*apart) >= 2.0 * spreads.sum())
-                np.testing.assert_allclose(out[i].offset_to_likelier, lean, rtol=0, atol=1e-9)
-                leant, upright = leant + lean.any(), upright + (not lean.any())
-    assert settings.assume.drift or min(leant, upright) > 5
+                    expected = offsets[0] * (np.hypot(*between) >= 2.0 * sigmas.sum())
+                np.testing.assert_allclose(out[i].offset_to_likelier, expected, rtol=0, atol=1e-9)
+                leaning_count, other_count = (
+                    leaning_count + expected.any(),
+                    other_count + (not expected.any()),
+                )
+    assert settings.assume.drift or min(leaning_count, other_count) > 5
 
 
-@pytest.mark.parametrize(("half", "leans"), [(1.99, False), (2.01, True)])
-def test_two_places_are_two_where_twice_their_spreads_do_not_meet(half: float, leans: bool) -> None:
-    """At ±half m east, weights 0.4 and 0.6, spreads 1 m: the mean is 0.2 half east, the likelier
-    0.8 half farther.
+@pytest.mark.parametrize(("half_distance", "is_distinct"), [(1.99, False), (2.01, True)])
+def test_two_positions_are_distinct_where_twice_their_deviations_do_not_overlap(
+    half_distance: float, is_distinct: bool
+) -> None:
+    """At ±d east, with weights 0.4 and 0.6 and deviations of 1 m: the mean is 0.2 d east, and the
+    likelier position 0.8 d farther.
     """
-    (beliefs, model, *_) = mission.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
+    (beliefs, model, *_) = tight.new_tight_swarm(TightSettings(transmitters=2), np.zeros((1, 4)))
     belief, out = beliefs[0], record(ESTIMATE)
     belief.n_hypotheses, belief.weight[:2] = 2, (0.4, 0.6)
     belief.state[:2] = 0.0
-    belief.state[:2, 0] = -half, half
+    belief.state[:2, 0] = -half_distance, half_distance
     belief.covariance[:2] = np.diag([1.0, 9.0, *np.ones(15)])
     refresh_output(belief, model)
-    mission._write_outputs(belief, model, out)
-    assert out.offset_to_likelier == pytest.approx((0.8 * half * leans, 0.0))
+    tight._write_outputs(belief, model, out)
+    assert out.offset_to_likelier == pytest.approx((0.8 * half_distance * is_distinct, 0.0))
 
 
 def test_a_covariance_that_is_not_positive_definite_is_reported() -> None:
     steps, starts = shared_voyage()
-    together = mission.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
-    together.beliefs[1].covariance[:] = -np.eye(17)
+    swarm = tight.new_tight_swarm(replace(ALL_OF_2, dt=DT), starts)
+    swarm.beliefs[1].covariance[:] = -np.eye(17)
     recorded = new_record(steps, TightEstimates)
     answers = [
-        together.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
+        swarm.navigate(k, *tables(step), records(ESTIMATE, FOLLOWERS), recorded)
         for k, step in enumerate(steps[:3])
     ]
     assert answers == [0, 0, 2]
 
 
-def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_own() -> None:
+def test_navigators_that_python_calls_one_by_one_agree_with_lanes() -> None:
     """The same as lanes, which the readable navigators agree with to rounding."""
     settings = NavigationSettings(dt=DT, use_attitude=True)
     steps, starts = shared_voyage()
-    together, separate = (
+    lanes, separate = (
         new_lanes(settings, starts),
         SeparateNavigators(Navigator, settings, starts),
     )
@@ -258,7 +269,7 @@ def test_navigators_that_python_calls_one_by_one_get_the_measurements_of_their_o
     recorded = new_record(steps)
     for k, step in enumerate(steps, start=1):
         assert (
-            together.navigate(k, *tables(step), expected, new_record(steps))
+            lanes.navigate(k, *tables(step), expected, new_record(steps))
             == separate.navigate(k, *tables(step), actual, recorded)
             == 0
         )

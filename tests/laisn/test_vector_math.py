@@ -38,7 +38,7 @@ def _in_lanes(x: Floats, out: Floats) -> None:
         results[i, 1], results[i, 2] = sin_cos(values[i])
 
 
-def test_lanes_have_the_same_bits() -> None:
+def test_functions_of_lanes_have_the_bits_of_those_of_numbers() -> None:
     """In all four quadrants, both signs of zero, and where the exponential has few bits left."""
     generator = np.random.default_rng(5)
     x = generator.uniform(-700.0, 700.0, (500, LANES))
@@ -86,7 +86,8 @@ def test_exponential_keeps_its_relative_accuracy_over_its_whole_range() -> None:
     assert _exponentials(np.zeros(1))[0] == 1.0
 
 
-def test_angle_of_axes_and_of_nothing() -> None:
+def test_angles_along_the_axes_are_exact_and_that_of_the_origin_is_zero() -> None:
+    """`half_turn_angle(x, y)` is that of (|x|, y) from the y axis, arctan2(|x|, y)."""
     angles = _functions(
         np.array([1e-300, 1.0, -1.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0, -1e300, 0.0])
     )[:, 3]

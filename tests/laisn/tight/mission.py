@@ -1,4 +1,4 @@
-"""A mission of formulas for the tightly coupled navigator."""
+"""A mission in closed form for the tightly coupled navigator."""
 
 from types import SimpleNamespace
 
@@ -16,29 +16,31 @@ DT = 0.1
 
 
 class Mission:
-    """A leader that turns, a follower that weaves off its quarter, and exact measurements of
-    both.
-    """
+    """A leader that turns, and a follower that weaves astern and aside of it."""
 
     def __init__(
-        self, steps: int = 3000, every: int = 10, current: tuple[float, float] = (0.0, 0.0)
+        self,
+        steps: int = 3000,
+        steps_per_message: int = 10,
+        current: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        t = DT * np.arange(steps + 1)
-        self.steps, self.every = steps, every
-        self.leader_heading = 1.2 + 0.8 * np.sin(0.015 * t)
-        self.heading = 1.2 + 0.8 * np.sin(0.015 * t - 0.3) + 0.2 * np.sin(0.05 * t)
-        self.speed = 1.1 + 0.2 * np.sin(0.04 * t)
-        self.leader_speed = np.ones(t.size)
-        drift = np.outer(t, current)
+        time = DT * np.arange(steps + 1)
+        self.steps, self.steps_per_message = steps, steps_per_message
+        self.leader_heading = 1.2 + 0.8 * np.sin(0.015 * time)
+        self.heading = 1.2 + 0.8 * np.sin(0.015 * time - 0.3) + 0.2 * np.sin(0.05 * time)
+        self.speed = 1.1 + 0.2 * np.sin(0.04 * time)
+        self.leader_speed = np.ones(time.size)
+        drift = np.outer(time, current)
         self.leader = drift + _integral(self.leader_speed, self.leader_heading)
         self.follower = drift + _integral(self.speed, self.heading) + np.array([-18.0, 14.0])
-        self.k = np.arange(every, steps + 1, every)
+        self.message_step = np.arange(steps_per_message, steps + 1, steps_per_message)
 
     def arms(self, middle_offset: float = 0.1) -> Floats:
-        theta = self.leader_heading[self.k]
-        ahead = np.stack([np.sin(theta), np.cos(theta)], axis=1)
-        port = np.stack([-np.cos(theta), np.sin(theta)], axis=1)
-        return np.stack([-ahead, ahead, middle_offset * port], axis=1)
+        """East and north of rear, front and middle transmitter from the leader, by message."""
+        heading = self.leader_heading[self.message_step]
+        forward = np.stack([np.sin(heading), np.cos(heading)], axis=1)
+        port = np.stack([-np.cos(heading), np.sin(heading)], axis=1)
+        return np.stack([-forward, forward, middle_offset * port], axis=1)
 
     def measured(
         self,
@@ -51,32 +53,45 @@ class Mission:
         offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
         clock: tuple[float, float] = (0.0, 0.0),
     ) -> Measurements:
-        n, m = self.steps, self.k.size
-        apart = (self.follower - self.leader)[self.k][:, None, :] - self.arms()
-        ranges = np.hypot(apart[..., 0], apart[..., 1])
+        """Measurements of the follower, exact but for the errors that are given.
+
+        Args:
+            rng: draws random errors of log, compass and ranges, if given.
+            log: bias of the log [m/s].
+            compass: bias of the compass [rad].
+            leader: bias of the leader's compass [rad].
+            scale: error of the longest range, in proportion that of the others [m].
+            offsets: errors of the ranges to the three transmitters [m].
+            clock: error of all ranges at the start [m], and its rate [m/s].
+        """
+        n_steps, n_messages = self.steps, self.message_step.size
+        from_transmitters = (self.follower - self.leader)[self.message_step][
+            :, None, :
+        ] - self.arms()
+        ranges = np.hypot(from_transmitters[..., 0], from_transmitters[..., 1])
         ranges = ranges * (1.0 + scale / ranges.max(axis=1, keepdims=True)) + np.array(offsets)
-        ranges = ranges + (clock[0] + clock[1] * DT * self.k)[:, None]
+        ranges = ranges + (clock[0] + clock[1] * DT * self.message_step)[:, None]
         speed, heading = self.speed[1:] + log, self.heading[1:] + compass
         if rng is not None:
-            speed = speed + rng.normal(0, 0.2, n)
-            heading = heading + rng.normal(0, np.deg2rad(1.2), n)
+            speed = speed + rng.normal(0, 0.2, n_steps)
+            heading = heading + rng.normal(0, np.deg2rad(1.2), n_steps)
             ranges = ranges * (
-                1.0 + rng.normal(0, 0.05, (m, 1)) / ranges.max(axis=1, keepdims=True)
+                1.0 + rng.normal(0, 0.05, (n_messages, 1)) / ranges.max(axis=1, keepdims=True)
             )
             ranges = ranges + rng.normal(0, 0.003, ranges.shape)
-        message = np.full((m, len(LeaderMessage._fields)), np.nan)
-        message[:, 0], message[:, 1:3] = DT * self.k, self.leader[self.k]
+        message = np.full((n_messages, len(LeaderMessage._fields)), np.nan)
+        message[:, 0], message[:, 1:3] = DT * self.message_step, self.leader[self.message_step]
         message[:, 3], message[:, 4] = (
-            self.leader_heading[self.k] + leader,
-            self.leader_speed[self.k],
+            self.leader_heading[self.message_step] + leader,
+            self.leader_speed[self.message_step],
         )
         message[:, 5] = 8.0
         return Measurements(
             dt=DT,
             speed=speed,
             heading=heading,
-            depth=np.full(n, 8.0),
-            message_step=self.k,
+            depth=np.full(n_steps, 8.0),
+            message_step=self.message_step,
             message=message,
             ranges=ranges,
         )
@@ -87,7 +102,7 @@ class Mission:
 
 
 def _integral(speed: Floats, heading: Floats) -> Floats:
-    """Way at constant mean velocity over each step: what the trapezoid of exact readings gives."""
+    """Displacements by the trapezoidal rule, as dead reckoning on exact readings has them."""
     velocity = speed[:, None] * np.stack([np.sin(heading), np.cos(heading)], axis=1)
     return np.concatenate(
         [np.zeros((1, 2)), np.cumsum(0.5 * DT * (velocity[1:] + velocity[:-1]), axis=0)]
@@ -95,7 +110,7 @@ def _integral(speed: Floats, heading: Floats) -> Floats:
 
 
 def details(fix: FixRecord) -> SimpleNamespace:
-    """Details of a fix, of the hypotheses that there are."""
+    """Details of a fix, without the unused places of hypotheses."""
     count = np.count_nonzero(fix.details["weight"])
     of_hypotheses = {
         name: fix.details[name][:count]

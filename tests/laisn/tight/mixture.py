@@ -18,9 +18,9 @@ X, Y, LOG, COMPASS, SCALE, LEADER, EAST, NORTH = range(8)
 CLOCK, RATE = 10, 11
 SPEED = 16
 NEW, WALKED = [12, 13], [14, 15]
-"""Errors of the leader's broadcast position: new in a message, and walked until then."""
-PLACE, BENT = [X, Y], [X, Y, LEADER]
-"""States by which a range bends."""
+"""Errors of the leader's broadcast position: that of the last message alone, and a random walk."""
+POSITION, BENT = [X, Y], [X, Y, LEADER]
+"""States in which a range is not linear: `POSITION`, and those with the leader's heading."""
 
 
 @dataclass
@@ -33,10 +33,15 @@ class Component:
     mode: int = 0
     evidence: float = 0.0
     taken: int = 0
+    """How many numbers of the ranges it was updated with."""
     squared: float = 0.0
+    """Their squared residuals, normalised."""
     normalised_innovation: float = 0.0
+    """The same a range; those left out count with what leaving them out costs."""
     excess: float = 0.0
+    """By how much its estimate of the variance of the leader's heading exceeds the present one."""
     shared: bool = False
+    """Whether it explains the ranges by an echo that is common to all."""
 
     def copy(self) -> Component:
         return replace(self, x=self.x.copy(), P=self.P.copy())
@@ -56,9 +61,9 @@ def moments(components: list[Component]) -> tuple[Floats, Floats]:
         weight / weight.sum() if weight.sum() > 0.0 else np.full(weight.size, 1.0 / weight.size)
     )
     mean = weight @ np.array([c.x for c in components])
-    off = np.array([c.x for c in components]) - mean
+    offsets = np.array([c.x for c in components]) - mean
     return mean, np.einsum("k,kij->ij", weight, [c.P for c in components]) + np.einsum(
-        "k,ki,kj->ij", weight, off, off
+        "k,ki,kj->ij", weight, offsets, offsets
     )
 
 
@@ -86,12 +91,12 @@ def mix(side: Side, chance: Floats) -> None:
     """Before the next instant each mode becomes a blend of all, by chances to change from mode to
     mode, shape (modes, modes).
     """
-    given = [c.copy() for c in side]
+    before = [c.copy() for c in side]
     for c in side:
-        parts = [replace(g, weight=g.weight * chance[g.mode, c.mode]) for g in given]
-        if sum(p.weight for p in parts) > 0.0:
-            c.x, c.P = moments(parts)
-            c.weight = sum(p.weight for p in parts)
+        transitions = [replace(g, weight=g.weight * chance[g.mode, c.mode]) for g in before]
+        if sum(p.weight for p in transitions) > 0.0:
+            c.x, c.P = moments(transitions)
+            c.weight = sum(p.weight for p in transitions)
 
 
 def chances(modes: int, rate: float, time: float) -> Floats:
@@ -111,9 +116,9 @@ def outer(a: Floats, b: Floats) -> Floats:
     return a[:, None] * b
 
 
-def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:
-    """No side lighter than 1e-5, none nearer to another than `near` in squared distance and in b_L,
-    and eight at most.
+def prune_and_merge(sides: list[Side], merge_distance: float = 1.0) -> None:
+    """Drop sides lighter than 1e-5, merge those whose squared distance in units of their mean
+    covariance is below `merge_distance` and whose b_L agree, and keep the eight heaviest.
     """
 
     def drop(h: int) -> None:
@@ -121,13 +126,13 @@ def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:
         if h < len(sides):
             sides[h] = last
 
-    def same(one: Side, other: Side) -> bool:
-        a, b = heaviest(one), heaviest(other)
-        off = (a.x - b.x)[:2]
-        turned, spread = a.x[LEADER] - b.x[LEADER], 0.5 * (a.P + b.P)[LEADER, LEADER]
-        if turned**2 > spread:
+    def are_close(first: Side, second: Side) -> bool:
+        a, b = heaviest(first), heaviest(second)
+        offset = (a.x - b.x)[:2]
+        heading_difference, variance = a.x[LEADER] - b.x[LEADER], 0.5 * (a.P + b.P)[LEADER, LEADER]
+        if heading_difference**2 > variance:
             return False
-        return bool(off @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], off) < near)
+        return bool(offset @ np.linalg.solve(0.5 * (a.P + b.P)[:2, :2], offset) < merge_distance)
 
     h = 0
     while h < len(sides):
@@ -139,17 +144,19 @@ def prune_and_merge(sides: list[Side], near: float = 1.0) -> None:
     while g < len(sides):
         h = g + 1
         while h < len(sides):
-            if same(sides[g], sides[h]):
-                for one, other in zip(sides[g], sides[h], strict=True):
+            if are_close(sides[g], sides[h]):
+                for first, second in zip(sides[g], sides[h], strict=True):
                     x, P = (
-                        moments([one, other]) if one.weight + other.weight > 0.0 else (one.x, one.P)
+                        moments([first, second])
+                        if first.weight + second.weight > 0.0
+                        else (first.x, first.P)
                     )
-                    top = heaviest([one, other])
-                    one.x, one.P, one.weight = x, P, one.weight + other.weight
-                    one.taken, one.squared, one.normalised_innovation = (
-                        top.taken,
-                        top.squared,
-                        top.normalised_innovation,
+                    heavier = heaviest([first, second])
+                    first.x, first.P, first.weight = x, P, first.weight + second.weight
+                    first.taken, first.squared, first.normalised_innovation = (
+                        heavier.taken,
+                        heavier.squared,
+                        heavier.normalised_innovation,
                     )
                 drop(h)
             else:

@@ -1,4 +1,4 @@
-"""What turns may have changed of compasses' biases."""
+"""Turns add to the variances of compasses' biases: 3 % of the angle, squared."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tests.laisn.tight.mission import DT
 DEVIATING = TightSettings(assume=Assume(exact_leader=False, deviation=True))
 
 
-def variances(headings: dict[float, float], every: float) -> tuple[float, float]:
+def gained_variances(headings: dict[float, float], interval: float) -> tuple[float, float]:
     """Variances that a compass and its leader's have gained in a minute with messages at an
     interval.
 
@@ -25,7 +25,7 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
     for k in range(1, round(60.0 / DT) + 1):
         range_message.heading = np.interp(DT * k, list(headings), list(headings.values()))
         preintegrate(belief, model, 1.0, range_message.heading, DT)
-        if k % round(every / DT) == 0:
+        if k % round(interval / DT) == 0:
             inflate_bias_covariance(belief, model, range_message)
             reset_preintegration(belief)
             belief.motion.elapsed = 0.0
@@ -33,32 +33,36 @@ def variances(headings: dict[float, float], every: float) -> tuple[float, float]
     return float(gained[COMPASS_BIAS]), float(gained[model.leader_bias])
 
 
-@pytest.mark.parametrize("every", [0.5, 1.0, 5.0, 20.0])
-def test_a_turn_counts_as_a_whole_however_many_messages_it_takes(every: float) -> None:
+@pytest.mark.parametrize("interval", [0.5, 1.0, 5.0, 20.0])
+def test_a_turn_counts_as_a_whole_however_many_messages_it_takes(interval: float) -> None:
     """3 % of 1.2 rad, of a turn that takes 7 s."""
-    gained = variances({0.0: 0.3, 22.0: 0.3, 29.0: 1.5, 60.0: 1.5}, every)
+    gained = gained_variances({0.0: 0.3, 22.0: 0.3, 29.0: 1.5, 60.0: 1.5}, interval)
     assert gained == pytest.approx((0.036**2, 0.036**2), rel=1e-6)
 
 
-def test_where_a_turn_began_is_known_to_the_angle_that_is_none() -> None:
+def test_the_start_of_a_turn_is_uncertain_by_the_smallest_angle_that_counts() -> None:
     """Whenever a turn begins, it counts as its whole, or as less by the 0.1 rad or 0.15 rad that
     are no turn yet.
     """
-    for begin in np.arange(15.0, 27.0):
-        gained = variances({0.0: 0.3, begin: 0.3, begin + 9.0: 1.5, 60.0: 1.5}, 1.0)
-        for value, least in zip(gained, (0.1, 0.15), strict=True):
-            assert (0.03 * (1.2 - least)) ** 2 * (1.0 - 1e-9) <= value <= 0.036**2 * (1.0 + 1e-9)
+    for start in np.arange(15.0, 27.0):
+        gained = gained_variances({0.0: 0.3, start: 0.3, start + 9.0: 1.5, 60.0: 1.5}, 1.0)
+        for variance, min_turn in zip(gained, (0.1, 0.15), strict=True):
+            assert (
+                (0.03 * (1.2 - min_turn)) ** 2 * (1.0 - 1e-9) <= variance <= 0.036**2 * (1.0 + 1e-9)
+            )
 
 
 def test_a_heading_that_is_kept_for_ten_seconds_is_where_the_next_turn_begins() -> None:
-    apart = variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.6, 25.0: 0.6, 26.0: 1.2}, 1.0)
-    assert apart == pytest.approx((2 * 0.018**2, 2 * 0.018**2), rel=1e-6)
-    together = variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.6, 12.0: 0.6, 13.0: 1.2}, 1.0)
-    assert together == pytest.approx((0.036**2, 0.036**2), rel=1e-6)
+    of_two_turns = gained_variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.6, 25.0: 0.6, 26.0: 1.2}, 1.0)
+    assert of_two_turns == pytest.approx((2 * 0.018**2, 2 * 0.018**2), rel=1e-6)
+    of_one_turn = gained_variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.6, 12.0: 0.6, 13.0: 1.2}, 1.0)
+    assert of_one_turn == pytest.approx((0.036**2, 0.036**2), rel=1e-6)
 
 
-def test_what_readings_may_err_by_is_no_turn() -> None:
-    assert variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.12}, 1.0) == pytest.approx(
+def test_angles_as_small_as_errors_of_readings_are_no_turn() -> None:
+    assert gained_variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.12}, 1.0) == pytest.approx(
         (0.0036**2, 0.0), rel=1e-6, abs=1e-12
     )
-    assert variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.09}, 1.0) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert gained_variances({0.0: 0.0, 5.0: 0.0, 6.0: 0.09}, 1.0) == pytest.approx(
+        (0.0, 0.0), abs=1e-12
+    )

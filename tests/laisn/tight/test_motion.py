@@ -30,7 +30,7 @@ SETTINGS = TightSettings(
     assume=Assume(exact_leader=False, current=True, offsets=True, clock=True), slip=0.02
 )
 N = 12
-BIASES = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01, 0.4, 0.02])
+STATE = np.array([10.0, -5.0, 0.2, 0.15, 0.1, 0.05, 0.3, -0.2, 0.01, -0.01, 0.4, 0.02])
 
 
 def some_covariance(seed: int, scale: float = 0.1) -> Floats:
@@ -38,11 +38,13 @@ def some_covariance(seed: int, scale: float = 0.1) -> Floats:
     return np.asarray(root @ root.T)
 
 
-def made(settings: TightSettings = SETTINGS, seed: int = 3) -> tuple[GaussianMixture, Model]:
+def biased_belief(
+    settings: TightSettings = SETTINGS, seed: int = 3
+) -> tuple[GaussianMixture, Model]:
     model = model_of(settings)
     belief = new_belief(settings, model, (0.0, 0.0))
     for k in range(model.modes):
-        belief.state[k, :N] = BIASES
+        belief.state[k, :N] = STATE
         belief.covariance[k, :N, :N] = some_covariance(seed + k)
     refresh_output(belief, model)
     return belief, model
@@ -56,25 +58,27 @@ def readings(count: int, seed: int = 1) -> tuple[Floats, Floats]:
 def mixture_moments(belief: GaussianMixture, components: range) -> tuple[Floats, Floats]:
     weight = belief.weight[components]
     mean = weight @ belief.state[components] / weight.sum()
-    apart = belief.state[components] - mean
-    spread = belief.covariance[components] + apart[:, :, None] * apart[:, None, :]
+    offsets = belief.state[components] - mean
+    spread = belief.covariance[components] + offsets[:, :, None] * offsets[:, None, :]
     return mean, np.einsum("k,kij->ij", weight, spread) / weight.sum()
 
 
-def test_the_way_is_the_trapezoid_of_unbiased_readings() -> None:
+def test_the_displacement_is_the_trapezoid_of_unbiased_readings() -> None:
     speed, heading = readings(20)
-    belief, model = made()
+    belief, model = biased_belief()
     for v, theta in zip(speed, heading, strict=True):
         preintegrate(belief, model, v, theta, 0.1)
-    true = (speed - BIASES[2]) * np.exp(1j * (np.pi / 2 - (heading - BIASES[3])))
+    velocities = (speed - STATE[2]) * np.exp(1j * (np.pi / 2 - (heading - STATE[3])))
     # the first reading stands for the beginning of its step too
-    pairs = np.concatenate([[true[0]], true])
-    way = 0.1 * np.sum(0.5 * (pairs[1:] + pairs[:-1])) + 2.0 * (BIASES[6] + 1j * BIASES[7])
+    with_first = np.concatenate([[velocities[0]], velocities])
+    displacement = 0.1 * np.sum(0.5 * (with_first[1:] + with_first[:-1])) + 2.0 * (
+        STATE[6] + 1j * STATE[7]
+    )
     x, y = position(belief)
-    assert complex(x, y) == pytest.approx(complex(BIASES[0], BIASES[1]) + way, abs=1e-12)
+    assert complex(x, y) == pytest.approx(complex(STATE[0], STATE[1]) + displacement, abs=1e-12)
 
 
-def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.complex128]:
+def position_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.complex128]:
     """p + Rot(b_θ)(A − b_v B) + c T, analytic in the state."""
     c, s = np.cos(state[3]), np.sin(state[3])
     rotation = np.array([[c, -s], [s, c]])
@@ -84,7 +88,7 @@ def way_of(state: npt.NDArray[np.complex128], motion: Floats) -> npt.NDArray[np.
 
 
 def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
-    belief, model = made()
+    belief, model = biased_belief()
     model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = (
         model.clock_walk
     ) = 0.0
@@ -93,40 +97,40 @@ def test_a_motion_equals_filterpys_with_derivatives_by_complex_steps() -> None:
     motion = np.array(belief.motion.tolist())
     F = np.eye(N)
     F[:2] = np.stack(
-        [way_of(BIASES + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1
+        [position_of(STATE + 1e-30j * unit, motion).imag / 1e-30 for unit in np.eye(N)], axis=1
     )
     # the clock's offset grows by its rate
     F[10, 11] = 3.0
-    c, s = np.cos(BIASES[3]), np.sin(BIASES[3])
+    c, s = np.cos(STATE[3]), np.sin(STATE[3])
     rotation = np.array([[c, -s], [s, c]])
     Q = np.zeros((N, N))
     Q[:2, :2] = rotation @ np.array([[motion[4], motion[5]], [motion[5], motion[6]]]) @ rotation.T
     Q[:2, :2] += 0.02**2 * 3.0 * np.eye(2)
     kalman = KalmanFilter(dim_x=N, dim_z=1)
-    kalman.x, kalman.P = BIASES.copy(), belief.covariance[0, :N, :N].copy()
+    kalman.x, kalman.P = STATE.copy(), belief.covariance[0, :N, :N].copy()
     kalman.predict(F=F, Q=Q)
-    kalman.x[:2] = way_of(BIASES.astype(complex), motion).real
-    predict_component(belief, model, 0, BIASES[2], BIASES[3])
+    kalman.x[:2] = position_of(STATE.astype(complex), motion).real
+    predict_component(belief, model, 0, STATE[2], STATE[3])
     np.testing.assert_allclose(belief.state[0, :N], kalman.x, atol=1e-12)
     np.testing.assert_allclose(belief.covariance[0, :N, :N], kalman.P, atol=1e-12)
 
 
 def test_the_covariance_between_messages_is_that_of_a_motion() -> None:
-    belief, model = made()
+    belief, model = biased_belief()
     for v, theta in zip(*readings(30), strict=True):
         preintegrate(belief, model, v, theta, 0.1)
     moments(belief, model)
     mean, covariance = belief.mixture_mean.copy(), belief.mixture_covariance.copy()
-    predict_component(belief, model, 0, BIASES[2], BIASES[3])
+    predict_component(belief, model, 0, STATE[2], STATE[3])
     np.testing.assert_allclose(mean[:2], belief.state[0, :2], atol=1e-12)
     np.testing.assert_allclose(covariance[:2, :2], belief.covariance[0, :2, :2], atol=1e-12)
 
 
-def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_position() -> None:
-    """v = (s − b_v) Rot(b_θ) u(θ) + c: mean, covariance and that with the position, by complex
-    steps.
+def test_the_velocity_has_the_last_readings_errors_and_correlates_with_the_position() -> None:
+    """v = (s − b_v) Rot(b_θ) u(θ) + c: its mean, covariance, and covariance with the position, by
+    complex steps.
     """
-    belief, model = made()
+    belief, model = biased_belief()
     model.log_walk = model.compass_walk = model.current_walk = model.leader_walk = (
         model.clock_walk
     ) = 0.0
@@ -141,25 +145,25 @@ def test_the_velocity_is_the_last_readings_with_its_errors_and_goes_with_the_pos
             (speed[-1] - state[2]) * np.array([np.sin(true), np.cos(true)]) + state[6:8]
         )
 
-    both = [
+    derivatives = [
         np.concatenate(
-            [way_of(BIASES + 1e-30j * unit, motion), velocity(BIASES + 1e-30j * unit)]
+            [position_of(STATE + 1e-30j * unit, motion), velocity(STATE + 1e-30j * unit)]
         ).imag
         / 1e-30
         for unit in np.eye(N)
     ]
-    rows = np.stack(both, axis=1)
+    jacobian = np.stack(derivatives, axis=1)
     moments(belief, model)
     np.testing.assert_allclose(
-        belief.mixture_mean[2:], velocity(BIASES.astype(complex)).real, atol=1e-12
+        belief.mixture_mean[2:], velocity(STATE.astype(complex)).real, atol=1e-12
     )
-    true = heading[-1] - BIASES[3]
+    true = heading[-1] - STATE[3]
     along, across = np.array([np.sin(true), np.cos(true)]), np.array([np.cos(true), -np.sin(true)])
-    read = SETTINGS.speed_sigma**2 * np.outer(along, along)
-    read += (SETTINGS.heading_sigma * speed[-1]) ** 2 * np.outer(across, across)
-    expected = rows @ belief.covariance[0, :N, :N] @ rows.T
+    noise = SETTINGS.speed_sigma**2 * np.outer(along, along)
+    noise += (SETTINGS.heading_sigma * speed[-1]) ** 2 * np.outer(across, across)
+    expected = jacobian @ belief.covariance[0, :N, :N] @ jacobian.T
     np.testing.assert_allclose(
-        belief.mixture_covariance[2:, 2:], expected[2:, 2:] + read, atol=1e-12
+        belief.mixture_covariance[2:, 2:], expected[2:, 2:] + noise, atol=1e-12
     )
     np.testing.assert_allclose(belief.mixture_covariance[:2, 2:], expected[:2, 2:], atol=1e-12)
     np.testing.assert_allclose(belief.mixture_covariance[2:, :2], expected[2:, :2], atol=1e-12)
@@ -169,20 +173,24 @@ def test_biases_that_wander_add_up_over_intervals_as_over_their_sum() -> None:
     """On a straight way at constant speed the wandering biases are a linear system: its steps
     compose exactly.
     """
-    whole, model = made()
-    parts, _ = made()
-    preintegrate(whole, model, 1.0, 0.3, 0.1)
-    preintegrate(parts, model, 1.0, 0.3, 0.1)
-    reset_preintegration(whole)
-    reset_preintegration(parts)
+    one_interval, model = biased_belief()
+    sixty_intervals, _ = biased_belief()
+    preintegrate(one_interval, model, 1.0, 0.3, 0.1)
+    preintegrate(sixty_intervals, model, 1.0, 0.3, 0.1)
+    reset_preintegration(one_interval)
+    reset_preintegration(sixty_intervals)
     for _ in range(60):
-        preintegrate(whole, model, 1.0, 0.3, 0.1)
-        preintegrate(parts, model, 1.0, 0.3, 0.1)
-        predict_component(parts, model, 0, parts.state[0, 2], parts.state[0, 3])
-        reset_preintegration(parts)
-    predict_component(whole, model, 0, whole.state[0, 2], whole.state[0, 3])
-    np.testing.assert_allclose(parts.state[0], whole.state[0], atol=1e-10)
-    np.testing.assert_allclose(parts.covariance[0], whole.covariance[0], rtol=1e-10, atol=1e-13)
+        preintegrate(one_interval, model, 1.0, 0.3, 0.1)
+        preintegrate(sixty_intervals, model, 1.0, 0.3, 0.1)
+        predict_component(
+            sixty_intervals, model, 0, sixty_intervals.state[0, 2], sixty_intervals.state[0, 3]
+        )
+        reset_preintegration(sixty_intervals)
+    predict_component(one_interval, model, 0, one_interval.state[0, 2], one_interval.state[0, 3])
+    np.testing.assert_allclose(sixty_intervals.state[0], one_interval.state[0], atol=1e-10)
+    np.testing.assert_allclose(
+        sixty_intervals.covariance[0], one_interval.covariance[0], rtol=1e-10, atol=1e-13
+    )
 
 
 @given(z=st.floats(-6.0, 6.0))
@@ -192,9 +200,9 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
         exact = norm.sf(-z)
         assert mass == pytest.approx(exact, rel=1e-9)
         return
-    top = max(z, 0.0) + 12.0
+    upper = max(z, 0.0) + 12.0
     density = [
-        quad(lambda u, p=p: u**p * norm.pdf(u - z), 0.0, top, epsabs=1e-15, limit=200)[0]
+        quad(lambda u, p=p: u**p * norm.pdf(u - z), 0.0, upper, epsabs=1e-15, limit=200)[0]
         for p in range(3)
     ]
     mean = density[1] / density[0]
@@ -204,10 +212,18 @@ def test_moments_of_a_half_equal_quadrature(z: float) -> None:
 
 
 def message(ranges: Floats) -> RangeMessage:
-    made = new_range_message()
-    made.east, made.north, made.heading, made.speed = 40.0, 1.0, np.pi / 2, 1.0
-    made.arms, made.ranges = [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]], ranges
-    return made
+    range_message = new_range_message()
+    range_message.east, range_message.north, range_message.heading, range_message.speed = (
+        40.0,
+        1.0,
+        np.pi / 2,
+        1.0,
+    )
+    range_message.arms, range_message.ranges = (
+        [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]],
+        ranges,
+    )
+    return range_message
 
 
 @pytest.mark.parametrize("drift", [False, True])
@@ -218,7 +234,7 @@ def test_both_halves_together_are_the_whole(drift: bool) -> None:
     settings = TightSettings(
         assume=Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=drift)
     )
-    belief, model = made(settings)
+    belief, model = biased_belief(settings)
     belief.state[: model.modes, :2] = [0.0, 0.5]
     belief.covariance[: model.modes, 0, 0] += 4.0
     belief.covariance[: model.modes, 1, 1] += 4.0
@@ -238,19 +254,19 @@ def test_both_halves_together_are_the_whole(drift: bool) -> None:
 
 
 def test_a_follower_abeam_is_not_split() -> None:
-    belief, model = made()
+    belief, model = biased_belief()
     belief.state[0, :2] = 40.0, -30.0
     split(belief, model, message(np.full(3, 30.0)))
     assert belief.n_hypotheses == 1
 
 
 def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go() -> None:
-    belief, model = made()
+    belief, model = biased_belief()
     belief.n_hypotheses = 3
     for k, weight in enumerate((0.7, 0.3 - 1e-6, 1e-6)):
         belief.weight[k] = weight
         belief.covariance[k, :N, :N] = some_covariance(k + 20)
-        belief.state[k, :N] = BIASES
+        belief.state[k, :N] = STATE
     belief.state[1, 0] += 0.01
     belief.state[2, 0] += 50.0
     expected = mixture_moments(belief, range(2))
@@ -263,7 +279,7 @@ def test_hypotheses_in_the_same_place_merge_into_their_moments_and_light_ones_go
 
 def test_mixing_modes_keeps_the_moments_of_the_whole_and_moves_weight() -> None:
     assume = Assume(exact_leader=False, current=True, offsets=True, clock=True, drift=True)
-    belief, model = made(TightSettings(assume=assume))
+    belief, model = biased_belief(TightSettings(assume=assume))
     belief.weight[:2], belief.motion.elapsed = (0.9, 0.1), 5.0
     belief.state[1, 2:4] += 0.1
     before = mixture_moments(belief, range(2))
@@ -301,12 +317,16 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
     kalman = KalmanFilter(dim_x=n, dim_z=2)
     kalman.x, kalman.P = belief.state[0, :n].copy(), belief.covariance[0, :n, :n].copy()
     range_message = new_range_message()
-    heading, speed, drift = 0.7, 1.3, np.array([0.2, -0.1])
+    heading, speed, current = 0.7, 1.3, np.array([0.2, -0.1])
     range_message.heading, range_message.speed = heading, speed
     logged = speed * np.array([np.sin(heading), np.cos(heading)])
     for t in range(2):
-        at = (logged + drift) * 1.25 * t
-        range_message.time, range_message.east, range_message.north = 1.25 * t, at[0], at[1]
+        leader_position = (logged + current) * 1.25 * t
+        range_message.time, range_message.east, range_message.north = (
+            1.25 * t,
+            leader_position[0],
+            leader_position[1],
+        )
         update_current_from_leader_track(belief, model, range_message)
     bias = 0.0 if exact else kalman.x[model.leader_bias]
     angle = heading - bias
@@ -316,7 +336,7 @@ def test_the_leader_track_updates_the_current_as_filterpy_does(exact: bool) -> N
     if not exact:
         H[:, model.leader_bias] = speed * np.array([-np.cos(angle), np.sin(angle)])
     expected = kalman.x[model.current : model.current + 2] + turned - logged
-    kalman.update(H @ kalman.x + drift - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
+    kalman.update(H @ kalman.x + current - expected, R=np.eye(2) * 0.05**2 * 10.0 / 1.25, H=H)
     np.testing.assert_allclose(belief.state[0, :n], kalman.x, atol=1e-9)
     np.testing.assert_allclose(belief.covariance[0, :n, :n], kalman.P, atol=1e-9)
 

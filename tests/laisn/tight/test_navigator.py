@@ -61,11 +61,15 @@ def test_messages_that_are_late_as_a_whole_do_no_harm() -> None:
     """One in ten, by 0.3 to 4.8 m, with two transmitters: as their differences are right, so is
     the side.
     """
-    mission, rng = Mission(steps=6000, every=50), np.random.default_rng(4)
+    mission, rng = Mission(steps=6000, steps_per_message=50), np.random.default_rng(4)
     measured = mission.measured(rng, log=0.2, compass=0.05, scale=0.1)
-    delay_m = np.where(rng.random(mission.k.size) < 0.1, rng.uniform(0.3, 4.8, mission.k.size), 0.0)
+    delay_m = np.where(
+        rng.random(mission.message_step.size) < 0.1,
+        rng.uniform(0.3, 4.8, mission.message_step.size),
+        0.0,
+    )
     errors = []
-    for excess in (np.zeros(mission.k.size), delay_m):
+    for excess in (np.zeros(mission.message_step.size), delay_m):
         received = replace(measured, ranges=measured.ranges + excess[:, None])
         actual = TightNavigator(TightSettings(transmitters=2), mission.start).run(received)
         errors.append(np.hypot(*(actual.state[:, :2] - mission.follower[1:]).T))
@@ -172,8 +176,8 @@ def test_errors_match_the_covariance_and_approach_the_bound() -> None:
             dt=DT,
             speed=mission.speed[1:],
             heading=mission.heading[1:],
-            message_step=mission.k,
-            from_leader=(mission.follower - mission.leader)[mission.k],
+            message_step=mission.message_step,
+            from_leader=(mission.follower - mission.leader)[mission.message_step],
             arms=np.concatenate([arms, np.zeros((*arms.shape[:2], 1))], axis=2),
         ),
         TrueNoise(heading_sigma=np.deg2rad(1.2), range_sigma=0.003, start=0.01),

@@ -135,7 +135,7 @@ def test_a_state_that_adds_nothing_changes_nothing(extra_row: list[float]) -> No
 
 def test_a_message_without_ranges_changes_nothing() -> None:
     """To the bit, the estimates are those without that message."""
-    mission = Mission(steps=400, every=50)
+    mission = Mission(steps=400, steps_per_message=50)
     measured = mission.measured(np.random.default_rng(4), compass=0.1)
     ranges, has_ranges = measured.ranges.copy(), np.arange(measured.message_step.size) != 3
     ranges[~has_ranges] = np.nan
@@ -154,7 +154,7 @@ def test_without_a_later_message_smoothing_gives_the_filters_estimates() -> None
     """To the bit: with a lag of 0 in all steps, and with a longer one where no message follows
     within it.
     """
-    mission = Mission(steps=305, every=50)
+    mission = Mission(steps=305, steps_per_message=50)
     measured = mission.measured(np.random.default_rng(2), log=0.2, compass=0.1)
     filtered = TightNavigator(TightSettings(), mission.start).run(measured)
     without_lag, smoothed = (
@@ -281,7 +281,7 @@ def test_smoothing_reduces_errors_and_covariance_consistently(
 
     An unknown start stays unknown until the first message.
     """
-    mission = Mission(steps=1000, every=50)
+    mission = Mission(steps=1000, steps_per_message=50)
     settings = TightSettings(assume=assume, transmitters=transmitters)
     start, first = (mission.start, 0) if known_start else (None, 49)
     truth = mission.follower[1:]
