@@ -20,17 +20,18 @@ from sim.water.ocean import Ocean
 from tools.documents.hull_trials import PUBLISHED_HULLS, estimate_ratios
 from tools.documents.route_keeping import tracking
 
-SIZE = 1.8, 0.2, 50.0
+DIMENSIONS = 1.8, 0.2, 50.0
+"""Length and diameter [m], mass [kg]."""
 
 
-def plant_of(text: str, speed: float = 0.0, heading: float = 0.0) -> Plant:
-    place = {"position_m": (0.0, 0.0, -10.0), "speed_m_s": speed, "heading_rad": heading}
-    return Plant([VehicleSetup(name="own", model=text, **place)], Ocean())  # type: ignore[arg-type]
+def plant_of(mjcf_text: str, speed: float = 0.0, heading: float = 0.0) -> Plant:
+    start = {"position_m": (0.0, 0.0, -10.0), "speed_m_s": speed, "heading_rad": heading}
+    return Plant([VehicleSetup(name="own", model=mjcf_text, **start)], Ocean())  # type: ignore[arg-type]
 
 
-def record_of(text: str) -> np.void:
-    (one,) = mjcf.read_coefficients(plant_of(text).model, ["own"], 1026.0)
-    return one
+def coefficients_of(mjcf_text: str) -> np.void:
+    (coefficients,) = mjcf.read_coefficients(plant_of(mjcf_text).model, ["own"], 1026.0)
+    return coefficients
 
 
 @pytest.mark.parametrize("slenderness", [3.0, 9.0, 20.0])
@@ -38,9 +39,9 @@ def test_added_mass_is_that_of_lambs_integrals(slenderness: float) -> None:
     a, b = slenderness, 1.0
     alpha = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 1.5 * (b**2 + x)), 0, np.inf)[0]
     beta = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 0.5 * (b**2 + x) ** 2), 0, np.inf)[0]
-    turning = (a**2 - b**2) ** 2 * (beta - alpha)
-    turning /= (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta)) * (a**2 + b**2)
-    expected = alpha / (2 - alpha), beta / (2 - beta), turning
+    rotation_factor = (a**2 - b**2) ** 2 * (beta - alpha)
+    rotation_factor /= (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta)) * (a**2 + b**2)
+    expected = alpha / (2 - alpha), beta / (2 - beta), rotation_factor
     assert lamb_factors(2 * a, 2 * b) == pytest.approx(expected, rel=1e-6)
 
 
@@ -52,11 +53,12 @@ def test_slope_of_fins_has_the_limits_of_wing_theory() -> None:
 
 @pytest.mark.parametrize("fins", ["+", "x"])
 def test_an_estimated_hull_flies(fins: str) -> None:
-    text = from_dimensions(*SIZE, fins=fins, propeller=0.14).xml()  # type: ignore[arg-type]
+    text = from_dimensions(*DIMENSIONS, fins=fins, propeller=0.14).xml()  # type: ignore[arg-type]
     assert hull_errors(text, "follower") == hull_errors(text, "leader") == []
     plant = plant_of(text, speed=1.0, heading=np.pi / 2)
     autopilot = design(plant, (None,))
     require_stable(plant, autopilot, 2.0)
+    # TOP_SPEED of hull_file, for which it chooses the propeller
     assert top_speed(autopilot[0]) == pytest.approx(2.5, abs=0.03)
     route = Route.at_speed("bend", [[0, 0], [50, 0], [100, 20], [150, 20]], 1.0, 10.0)
     report = tracking(simulate(plant, [route], 150.0, [None]), [route])[0]
@@ -69,16 +71,22 @@ def test_estimates_of_published_vehicles_have_no_bias() -> None:
     published figure, and their geometric mean within a fifth.
     """
     ratios = {name: estimate_ratios(name) for name in PUBLISHED_HULLS}
-    for key in (
+    for quantity in (
         "inertia in roll",
         "inertia in yaw",
         "force of the rudders per angle",
         "force of the stern planes per angle",
     ):
-        values = np.array([actual[key] for actual in ratios.values() if key in actual])
-        assert len(values) >= 3
-        assert np.abs(np.log(values)).max() < np.log(2.0)
-        assert abs(np.log(values).mean()) < np.log(1.2)
+        ratios_of_quantity = np.array(
+            [
+                vehicle_ratios[quantity]
+                for vehicle_ratios in ratios.values()
+                if quantity in vehicle_ratios
+            ]
+        )
+        assert len(ratios_of_quantity) >= 3
+        assert np.abs(np.log(ratios_of_quantity)).max() < np.log(2.0)
+        assert abs(np.log(ratios_of_quantity).mean()) < np.log(1.2)
 
 
 @pytest.mark.parametrize(
@@ -86,24 +94,27 @@ def test_estimates_of_published_vehicles_have_no_bias() -> None:
     [(0.1, 0.1 / 3, 0.08), (30.0, 10.0, 2e6), (30.0, 0.6, 5000.0), (0.1, 0.002, 2.5e-4)],
     ids=["short", "thick", "long", "thin"],
 )
-@pytest.mark.parametrize("share", [0.2, 2.0])
-def test_hulls_at_the_bounds_are_complete(size: tuple[float, float, float], share: float) -> None:
-    text = from_dimensions(*size, propeller=share * size[1]).xml()
+@pytest.mark.parametrize("propeller_to_hull_diameter", [0.2, 2.0])
+def test_hulls_at_the_bounds_are_complete(
+    size: tuple[float, float, float], propeller_to_hull_diameter: float
+) -> None:
+    text = from_dimensions(*size, propeller=propeller_to_hull_diameter * size[1]).xml()
     assert hull_errors(text, "leader") == hull_errors(text, "follower") == []
 
 
 def test_estimated_strips_and_buoyancy_are_those_of_the_hull() -> None:
-    c = record_of(from_dimensions(*SIZE).xml())
-    n = c["n_strips"]
-    assert c["strip_area"][:n].sum() == pytest.approx(np.pi * 0.9 * 0.1, rel=1e-5)
-    assert c["buoyancy"] == pytest.approx(50.0 * 9.81)
-    # drag at 1 m/s: 0.42 on the frontal area
-    area, drag, _ = c["hull_lift"]
+    coefficients = coefficients_of(from_dimensions(*DIMENSIONS).xml())
+    n_strips = coefficients["n_strips"]
+    # side view of the spheroid: π times both half axes
+    assert coefficients["strip_area"][:n_strips].sum() == pytest.approx(np.pi * 0.9 * 0.1, rel=1e-5)
+    assert coefficients["buoyancy"] == pytest.approx(50.0 * 9.81)
+    # drag coefficient 0.42 on the frontal area (Allen et al. 2000)
+    area, drag, _ = coefficients["hull_lift"]
     assert area * drag == pytest.approx(0.42 * np.pi * 0.1**2, rel=1e-5)
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("dimensions", "message"),
     [
         ((1.8, 0.7, 50.0), "at least three times as long as thick"),
         ((1.8, 0.2, 500.0), r"mass 500 kg: a neutral hull of 1\.8 m and 0\.2 m has 26\.1 to 58 kg"),
@@ -118,22 +129,24 @@ def test_estimated_strips_and_buoyancy_are_those_of_the_hull() -> None:
         ((1.8, 0.2, float("inf")), "mass: expected a positive number"),
     ],
 )
-def test_dimensions_of_no_hull_are_refused(given: tuple[float, ...], words: str) -> None:
-    with pytest.raises(LaisnError, match=words):
-        from_dimensions(*given)  # type: ignore[arg-type]
+def test_dimensions_that_no_hull_has_are_refused(
+    dimensions: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(LaisnError, match=message):
+        from_dimensions(*dimensions)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("value", ["0", "0.001", "1e9", "-1", "nan", "inf"])
-def test_the_command_refuses_extreme_propellers_in_a_line(value: str) -> None:
+@pytest.mark.parametrize("propeller_m", ["0", "0.001", "1e9", "-1", "nan", "inf"])
+def test_the_command_names_the_propeller_that_it_refuses(propeller_m: str) -> None:
     size = ["--length", "1.8", "--diameter", "0.2", "--mass", "50"]
-    result = CliRunner().invoke(app, ["hull", *size, "--propeller", value])
+    result = CliRunner().invoke(app, ["hull", *size, "--propeller", propeller_m])
     assert isinstance(result.exception, SystemExit | LaisnError)
     assert "propeller" in f"{result.output} {result.exception}"
 
 
 def test_the_command_prints_a_hull() -> None:
-    text = "--length 1.8 --diameter 0.2 --mass 50 --fins x --propeller 0.14"
-    result = CliRunner().invoke(app, ["hull", *text.split()])
+    options = "--length 1.8 --diameter 0.2 --mass 50 --fins x --propeller 0.14"
+    result = CliRunner().invoke(app, ["hull", *options.split()])
     assert result.exit_code == 0, result.output
     assert hull_errors(result.stdout, "follower") == []
     assert from_dimensions(1.8, 0.2, 50.0, "x", 0.14).xml() == result.stdout

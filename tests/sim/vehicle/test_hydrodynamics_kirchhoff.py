@@ -44,8 +44,8 @@ class Kirchhoff:
         return rigid + self.added
 
     def acceleration(self, q: Floats, nu: Floats, wrench: Floats) -> Floats:
-        """Rate of change of (velocity, angular velocity) in the body: d(momentum)/dt, the
-        weight's couple.
+        """Rate of change of velocity and angular velocity in the body, from the rate of change of
+        the momentum, the couple of the weight and another wrench.
         """
         p = self.total @ nu
         v, w = nu[:3], nu[3:]
@@ -55,6 +55,7 @@ class Kirchhoff:
         return np.asarray(np.linalg.solve(self.total, np.concatenate([force, moment]) + wrench))
 
     def rate(self, _: float, state: Floats) -> Floats:
+        """Rate of change of position, quaternion and twist in the body."""
         q, nu = state[3:7] / np.linalg.norm(state[3:7]), state[7:]
         spin = np.concatenate([[0.0], nu[3:]])
         w, x = q[0], q[1:]
@@ -64,14 +65,15 @@ class Kirchhoff:
         )
 
     def energy(self, state: Floats) -> float:
+        """Kinetic energy of hull and water, and potential energy of the centre of gravity [J]."""
         height = (euler_rotation(state[3:7] / np.linalg.norm(state[3:7])) @ self.cg)[2]
         return float(0.5 * state[7:] @ self.total @ state[7:] + self.mass * G * height)
 
 
 def random_hull(seed: int) -> Kirchhoff:
     rng = np.random.default_rng(seed)
-    b = rng.normal(size=(6, 6))
-    added = b @ b.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
+    factor = rng.normal(size=(6, 6))
+    added = factor @ factor.T + np.diag([2.0, 60, 60, 0.2, 11, 11])
     # MuJoCo requires the triangle inequality of principal inertias
     return Kirchhoff(
         67.0,
@@ -110,14 +112,15 @@ def test_motion_without_drag_keeps_energy_and_follows_an_independent_integration
     reference = solve_ivp(ideal.rate, (0, duration), start, rtol=1e-10, atol=1e-12).y[:, -1]
     assert ideal.energy(reference) == pytest.approx(ideal.energy(start), rel=1e-8)
 
-    ends, drifts = [], []
+    deviations, drifts = [], []
     for dt in (8e-3, 4e-3, 2e-3):
         tank = Tank(hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added), Ocean(), dt)
         tank.place(start[:3], q, [*euler_rotation(q) @ nu[:3], *nu[3:]])
         tank.step(n=round(duration / dt))
-        ends.append(np.concatenate([tank.pose, tank.body_velocity]) - reference)
-        drifts.append(ideal.energy(ends[-1] + reference) - ideal.energy(start))
-    errors = [np.abs(e).max() for e in ends]
+        deviations.append(np.concatenate([tank.pose, tank.body_velocity]) - reference)
+        drifts.append(ideal.energy(deviations[-1] + reference) - ideal.energy(start))
+    errors = [np.abs(e).max() for e in deviations]
+    # of second order: half the step has a quarter of the error
     for coarse, fine in [*pairwise(errors), *pairwise(drifts)]:
         assert fine == pytest.approx(coarse / 4, rel=0.1)
     assert abs(drifts[-1]) < 1e-5 * ideal.energy(start)
@@ -140,6 +143,7 @@ SPHEROID_MASS, SPHEROID_INERTIA = 96.698, np.array([0.87028, 19.77479, 19.77479]
 def test_spheroid_accelerates_as_potential_flow_has_it(
     thrust: list[float], axis: int, expected: float
 ) -> None:
+    """Force over mass and added mass, or moment over inertia and added inertia."""
     tank = Tank(hull(SPHEROID_MASS, SPHEROID_INERTIA, added_mass=SPHEROID_ADDED), Ocean(), 0.02)
     assert tank.acceleration(thrust)[axis] == pytest.approx(expected, abs=5e-4)
 
@@ -151,15 +155,15 @@ def test_righting_moment_is_weight_times_arm() -> None:
         0.02,
     )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(30)))
-    # nose up by 30°: the couple about port turns it down, and what holds it there is its opposite
+    # nose up by 30°: weight and buoyancy turn it down, and an opposite couple holds it there
     moment = SPHEROID_MASS * G * 0.02 * np.sin(np.radians(30))
-    held = tank.acceleration([0, 0, 0, -moment, 0])
-    np.testing.assert_allclose(held, 0.0, atol=1e-12)
+    acceleration = tank.acceleration([0, 0, 0, -moment, 0])
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
 
 
 def _small_oscillation_period(mass: float, inertia: float, added: Floats, arm: float) -> float:
-    """Pitch about a low centre of gravity, the hull free to surge: ½ of its energy is in the
-    coupled motion.
+    """Pitch about a low centre of gravity, of a hull that is free to surge: the coupling of surge
+    and pitch in the mass matrix lessens the inertia.
     """
     coupled = inertia + mass * arm**2 + added[4, 4] - (mass * arm) ** 2 / (mass + added[0, 0])
     return float(2 * np.pi * np.sqrt(coupled / (mass * G * arm)))
@@ -173,13 +177,13 @@ def test_hull_rights_itself_at_the_pendulum_period() -> None:
         0.002,
     )
     tank.place(quaternion=attitude.from_euler(0.0, np.radians(1)))
-    times: list[float] = []
+    crossing_times: list[float] = []
     previous = 1.0
-    while len(times) < 3:
+    while len(crossing_times) < 3:
         tank.step()
         pitch = float(attitude.heading_pitch_roll(tank.pose[3:])[1])
         if previous > 0 >= pitch:
-            times.append(tank.data.time - tank.plant.dt * pitch / (pitch - previous))
+            crossing_times.append(tank.data.time - tank.plant.dt * pitch / (pitch - previous))
         previous = pitch
     expected = _small_oscillation_period(SPHEROID_MASS, SPHEROID_INERTIA[1], SPHEROID_ADDED, arm)
-    assert np.diff(times).mean() == pytest.approx(expected, rel=1e-3)
+    assert np.diff(crossing_times).mean() == pytest.approx(expected, rel=1e-3)

@@ -15,7 +15,9 @@ from sim.water.waves import Waves
 
 CALM = Ocean(current_speed_m_s=0.3, current_direction_rad=1.0, current_shear_1_s=0.01)
 MIXED = ("remus100", *["follower"] * 4, "leader", *["follower"] * 6, "remus100")
-"""Eleven hulls of thrusters in two rows, of which the second is not full, and two alone."""
+"""Eleven hulls with thrusters, in two rows of eight lanes of which the second is not full, and two
+hulls with propeller and fins, too few for lanes.
+"""
 
 
 def rough_sea() -> Ocean:
@@ -24,7 +26,7 @@ def rough_sea() -> Ocean:
 
 
 def fleet(models: tuple[str, ...] = MIXED, ocean: Ocean = CALM, engine: Engine = "direct") -> Plant:
-    """Hulls that differ in all that scenarios may scale, from the surface downwards."""
+    """Hulls with different scales, headings and buoyancy, each deeper than the one before."""
     setups = [
         VehicleSetup(
             name=f"hull{i}",
@@ -52,23 +54,27 @@ def steer(plant: Plant, steps: int) -> None:
         plant.step(rng.uniform(-0.3, 0.6, limits.shape) * limits, 5)
 
 
-def both_ways(monkeypatch: pytest.MonkeyPatch, ocean: Ocean = CALM) -> tuple[Plant, Plant]:
-    """A fleet side by side, and the same one after the other."""
-    side_by_side = fleet(ocean=ocean)
+def fleets_in_lanes_and_one_by_one(
+    monkeypatch: pytest.MonkeyPatch, ocean: Ocean = CALM
+) -> tuple[Plant, Plant]:
+    """A fleet whose vehicles move side by side in lanes, and the same fleet one after the other."""
+    in_lanes = fleet(ocean=ocean)
+    # no row has more vehicles than lanes, so that none is moved in lanes
     monkeypatch.setattr(lanes, "MAX_ALONE", LANES)
     one_by_one = fleet(ocean=ocean)
-    assert isinstance(side_by_side.step_handles(), FleetHandles)
+    assert isinstance(in_lanes.step_handles(), FleetHandles)
     assert not isinstance(one_by_one.step_handles(), FleetHandles)
-    return side_by_side, one_by_one
+    return in_lanes, one_by_one
 
 
-def require_same_state(one: Plant, other: Plant) -> None:
-    assert one.time == other.time
+def require_same_state(first: Plant, second: Plant) -> None:
+    assert first.time == second.time
     for name in ("pose", "twist", "effector_states"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
 
 
-def test_vehicles_that_differ_in_numbers_lie_in_rows() -> None:
+def test_hulls_that_differ_in_numbers_alone_lie_in_rows_of_lanes() -> None:
+    """Eight to a row, the rest of the last row filled with its first vehicle."""
     handles = fleet().step_handles()
     assert isinstance(handles, FleetHandles)
     assert handles.vehicles.tolist() == [[1, 2, 3, 4, 5, 6, 7, 8], [9, 10, 11, 9, 9, 9, 9, 9]]
@@ -85,10 +91,10 @@ def test_few_vehicles_and_those_of_mujoco_move_alone() -> None:
 def test_vehicles_of_one_plant_move_as_each_does_alone(
     ocean: Ocean, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    side_by_side, one_by_one = both_ways(monkeypatch, ocean)
-    for plant in (side_by_side, one_by_one):
+    in_lanes, one_by_one = fleets_in_lanes_and_one_by_one(monkeypatch, ocean)
+    for plant in (in_lanes, one_by_one):
         steer(plant, 200)
-    require_same_state(side_by_side, one_by_one)
+    require_same_state(in_lanes, one_by_one)
 
 
 def message_of_failed_step(plant: Plant, command: np.ndarray) -> str:
@@ -99,21 +105,23 @@ def message_of_failed_step(plant: Plant, command: np.ndarray) -> str:
 
 @pytest.mark.system
 @pytest.mark.parametrize("hull", [0, 3, 10])
-def test_what_fails_is_told_as_of_vehicles_alone(
+def test_failures_are_reported_as_of_vehicles_alone(
     hull: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A command that is no number, and a vehicle faster than any can be, in either row or none."""
-    plants = both_ways(monkeypatch)
+    """A command that is NaN, and a speed beyond all bounds, of a vehicle in no row, in the first
+    and in the second.
+    """
+    plants = fleets_in_lanes_and_one_by_one(monkeypatch)
     for plant in plants:
         steer(plant, 2)
     command = np.zeros(plants[0].effector_states.shape)
     command[hull, 0] = np.nan
-    told = [message_of_failed_step(plant, command) for plant in plants]
-    assert told[0] == told[1]
-    assert told[0].startswith(f"t = 0.200 s: the command of hull{hull} is not finite")
+    messages = [message_of_failed_step(plant, command) for plant in plants]
+    assert messages[0] == messages[1]
+    assert messages[0].startswith(f"t = 0.200 s: the command of hull{hull} is not finite")
     for plant in plants:
         plant.twist[hull, 3] = 900.0
-    told = [message_of_failed_step(plant, np.zeros(command.shape)) for plant in plants]
-    assert told[0] == told[1]
-    assert f"the state of hull{hull} is lost" in told[0]
+    messages = [message_of_failed_step(plant, np.zeros(command.shape)) for plant in plants]
+    assert messages[0] == messages[1]
+    assert f"the state of hull{hull} is lost" in messages[0]
     require_same_state(*plants)

@@ -26,48 +26,48 @@ def follower(inertia: str) -> str:
     return text
 
 
-def numbers(values: Floats) -> str:
-    return " ".join(repr(float(value)) for value in values)
+def joined(components: Floats) -> str:
+    return " ".join(repr(float(value)) for value in components)
 
 
-def tensor(moments: tuple[float, ...], products: tuple[float, ...]) -> Floats:
+def tensor_of(moments: tuple[float, ...], products: tuple[float, ...]) -> Floats:
     xy, xz, yz = products
     return np.array([[moments[0], xy, xz], [xy, moments[1], yz], [xz, yz, moments[2]]])
 
 
-def principal(matrix: Floats) -> str:
+def principal_inertia(matrix: Floats) -> str:
     """Principal moments, and the attitude of their axes as columns of x and y."""
     moments, axes = np.linalg.eigh(matrix)
     if np.linalg.det(axes) < 0.0:
         axes = -axes
-    # an order of MuJoCo's own making must not matter either
+    # another order of the axes than that of `eigh`: it must not matter
     order = [1, 2, 0]
     frame = np.concatenate([axes[:, order[0]], axes[:, order[1]]])
-    return f'diaginertia="{numbers(moments[order])}" xyaxes="{numbers(frame)}"'
+    return f'diaginertia="{joined(moments[order])}" xyaxes="{joined(frame)}"'
 
 
-def full(matrix: Floats) -> str:
-    rows = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return f'fullinertia="{numbers(rows)}"'
+def full_inertia(matrix: Floats) -> str:
+    components = matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    return f'fullinertia="{joined(components)}"'
 
 
-ASYMMETRIC = tensor(MOMENTS, PRODUCTS)
-WAYS = {
+ASYMMETRIC = tensor_of(MOMENTS, PRODUCTS)
+INERTIAS = {
     "diagonal": (
-        f'diaginertia="{numbers(np.array(MOMENTS))}"',
-        full(np.diag(MOMENTS)),
-        principal(np.diag(MOMENTS)),
+        f'diaginertia="{joined(np.array(MOMENTS))}"',
+        full_inertia(np.diag(MOMENTS)),
+        principal_inertia(np.diag(MOMENTS)),
     ),
-    "asymmetric": (principal(ASYMMETRIC), full(ASYMMETRIC)),
+    "asymmetric": (principal_inertia(ASYMMETRIC), full_inertia(ASYMMETRIC)),
 }
-"""Bodies, each with ways to write its inertia."""
+"""For each body, MJCF attributes that write its inertia in several ways."""
 
 
-@pytest.mark.parametrize("body", WAYS)
+@pytest.mark.parametrize("body", INERTIAS)
 def test_one_body_flies_alike_however_its_inertia_is_written(body: str, tmp_path: Path) -> None:
-    """A curved, climbing flight by a hull file of a user's own."""
-    paths = []
-    for i, inertia in enumerate(WAYS[body]):
+    """The positions of a curved, climbing flight, to a nanometre."""
+    tracks = []
+    for i, inertia in enumerate(INERTIAS[body]):
         file = tmp_path / f"hull{i}.xml"
         file.write_text(follower(inertia), encoding="utf-8")
         changes = {
@@ -76,12 +76,12 @@ def test_one_body_flies_alike_however_its_inertia_is_written(body: str, tmp_path
             "followers.0.waypoints": [[0, 0, 0], [20, 20, 0], [40, 20, 20]],
             "duration_s": 40,
         }
-        paths.append(laisn_sim.fly("T5", changes).trajectory.position[:, 1])
-    for path in paths[1:]:
-        np.testing.assert_allclose(path, paths[0], rtol=0.0, atol=1e-9)
+        tracks.append(laisn_sim.fly("T5", changes).trajectory.position[:, 1])
+    for track in tracks[1:]:
+        np.testing.assert_allclose(track, tracks[0], rtol=0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("inertia", WAYS["asymmetric"])
+@pytest.mark.parametrize("inertia", INERTIAS["asymmetric"])
 def test_autopilot_has_the_inertia_about_the_axes_of_the_body(inertia: str) -> None:
     setup = VehicleSetup(name="own", model=follower(inertia), position_m=(0.0, 0.0, -10.0))
     plant = Plant([setup], Ocean())

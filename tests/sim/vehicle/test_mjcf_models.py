@@ -17,7 +17,7 @@ SIZES = {"leader": (2.0, 0.25), "follower": (1.6, 0.19)}
 """Length and diameter of the hulls [m]."""
 
 
-def pair() -> list[VehicleSetup]:
+def leader_and_follower() -> list[VehicleSetup]:
     return [
         VehicleSetup(name="lead", model="leader", position_m=(0, 0, -10), heading_rad=1.0),
         VehicleSetup(
@@ -82,8 +82,8 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
     alpha = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 1.5 * (b**2 + x)), 0, np.inf)[0]
     beta = a * b**2 * quad(lambda x: 1 / ((a**2 + x) ** 0.5 * (b**2 + x) ** 2), 0, np.inf)[0]
     mass = 1026 * 4 / 3 * np.pi * a * b**2
-    transverse = mass * (a**2 + b**2) / 5
-    k = (
+    transverse_inertia = mass * (a**2 + b**2) / 5
+    rotation_factor = (
         (a**2 - b**2) ** 2
         * (beta - alpha)
         / (2 * (a**2 - b**2) + (a**2 + b**2) * (alpha - beta))
@@ -93,30 +93,33 @@ def test_hull_is_neutral_and_its_added_mass_that_of_the_spheroid(name: str) -> N
         mass * alpha / (2 - alpha),
         mass * beta / (2 - beta),
         mass * beta / (2 - beta),
+        # roll: 0.3 of the moment of inertia of the hull, as its MJCF states
         0.3 * 0.4 * mass * b**2,
-        k * transverse,
-        k * transverse,
+        rotation_factor * transverse_inertia,
+        rotation_factor * transverse_inertia,
     ]
     model = compose([VehicleSetup(name="v", model=name, position_m=(0, 0, -10))]).compile()
-    record = mjcf.read_coefficients(model, ["v"], 1026.0)[0]
-    np.testing.assert_allclose(record["added_mass"], np.diag(expected), rtol=2e-4, atol=1e-12)
-    assert np.linalg.eigvalsh(record["added_mass"])[0] > 0
+    coefficients = mjcf.read_coefficients(model, ["v"], 1026.0)[0]
+    np.testing.assert_allclose(coefficients["added_mass"], np.diag(expected), rtol=2e-4, atol=1e-12)
+    assert np.linalg.eigvalsh(coefficients["added_mass"])[0] > 0
     body = resolve(model, ["v"])[0].body
     np.testing.assert_allclose(model.body_mass[body], mass, rtol=1e-5)
     np.testing.assert_allclose(
         np.sort(model.body_inertia[body]),
-        np.sort([0.4 * mass * b**2, transverse, transverse]),
+        np.sort([0.4 * mass * b**2, transverse_inertia, transverse_inertia]),
         rtol=1e-4,
     )
-    assert record["buoyancy"] == pytest.approx(9.81 * model.body_mass[body], rel=1e-12)
+    assert coefficients["buoyancy"] == pytest.approx(9.81 * model.body_mass[body], rel=1e-12)
     # the strips are the side view of the spheroid, and the same fore and aft
-    n = record["n_strips"]
-    assert record["strip_area"][:n].sum() == pytest.approx(np.pi * a * b, rel=1e-3)
-    assert record["strip_x"][:n] @ record["strip_area"][:n] == pytest.approx(0.0, abs=1e-12)
+    n_strips = coefficients["n_strips"]
+    assert coefficients["strip_area"][:n_strips].sum() == pytest.approx(np.pi * a * b, rel=1e-3)
+    assert coefficients["strip_x"][:n_strips] @ coefficients["strip_area"][
+        :n_strips
+    ] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_sites_lie_where_the_navigation_expects_them() -> None:
-    model = mujoco.MjModel.from_xml_path(str(models.path("leader")))
+    leader = mujoco.MjModel.from_xml_path(str(models.path("leader")))
     expected = {
         "tx_rear": (-1, 0, 0),
         "tx_front": (1, 0, 0),
@@ -125,13 +128,13 @@ def test_sites_lie_where_the_navigation_expects_them() -> None:
         "cg": (0, 0, -0.02),
     }
     for name, position in expected.items():
-        np.testing.assert_array_equal(model.site(name).pos, position)
+        np.testing.assert_array_equal(leader.site(name).pos, position)
     follower = mujoco.MjModel.from_xml_path(str(models.path("follower")))
     np.testing.assert_array_equal(follower.site("hydrophone").pos, (0, 0, 0.1))
     np.testing.assert_array_equal(follower.site("depth_sensor").pos, (0, 0, 0))
-    for m in (model, follower):
-        np.testing.assert_array_equal(m.site("cg").pos, m.body("hull").ipos)
-        assert m.ncam >= 2
+    for model in (leader, follower):
+        np.testing.assert_array_equal(model.site("cg").pos, model.body("hull").ipos)
+        assert model.ncam >= 2
 
 
 def test_vehicles_attached_in_groups_make_the_model_of_those_attached_one_by_one(
@@ -159,8 +162,8 @@ def test_vehicles_attached_in_groups_make_the_model_of_those_attached_one_by_one
     assert in_groups == contents()
 
 
-def test_geoms_are_looks_only() -> None:
-    model = compose(pair()).compile()
+def test_geoms_neither_collide_nor_meet_a_fluid_of_mujoco() -> None:
+    model = compose(leader_and_follower()).compile()
     assert not model.geom_contype.any()
     assert not model.geom_conaffinity.any()
     assert model.opt.density == 0
@@ -198,13 +201,13 @@ def test_setup_edits_the_vehicle() -> None:
     ] * model.hfield_data.max() == pytest.approx(-77.0)
 
 
-def test_setup_errors_are_reported() -> None:
+def test_a_setup_with_an_unknown_model_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown model 'boat'"):
         compose([VehicleSetup(name="a", model="boat", position_m=(0, 0, 0))])
 
 
 def test_missing_numeric_is_named_with_size_and_unit() -> None:
-    spec = compose(pair())
+    spec = compose(leader_and_follower())
     spec.delete(spec.numeric("T2/linear_damping"))
     with pytest.raises(
         ValueError, match=r"'T2': lacks <numeric name='linear_damping'>, 6 values \[N s/m, N m s\]"
@@ -213,7 +216,7 @@ def test_missing_numeric_is_named_with_size_and_unit() -> None:
 
 
 def test_numeric_of_wrong_size_is_named_with_size_and_unit() -> None:
-    spec = compose(pair())
+    spec = compose(leader_and_follower())
     spec.numeric("lead/hull_lift").data = np.array([0.1])
     spec.numeric("lead/hull_lift").size = 1
     with pytest.raises(

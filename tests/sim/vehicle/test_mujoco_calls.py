@@ -16,8 +16,8 @@ from sim.vehicle.mujoco_calls import STAGES, calls_of, largest_step_difference
 
 
 @pytest.fixture(autouse=True)
-def verdict(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
-    """A machine on which no release has been tested yet; gives the file of the verdict."""
+def verdict_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
+    """The file that records that a release has passed, absent as where none has been tested yet."""
     path = tmp_path / "passed"
     monkeypatch.setattr(mujoco_calls, "_verdict_file", lambda: path)
     mujoco_calls._require_tested.cache_clear()
@@ -26,7 +26,7 @@ def verdict(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Path]:
     mujoco_calls._library.cache_clear()
 
 
-def falling() -> tuple[Any, Any]:
+def falling_ball() -> tuple[Any, Any]:
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
     )
@@ -34,7 +34,7 @@ def falling() -> tuple[Any, Any]:
 
 
 @compiled
-def _in_turn(stages: tuple[int, ...], model: int, data: int, times: int) -> None:
+def _call_stages(stages: tuple[int, ...], model: int, data: int, times: int) -> None:
     for _ in range(times):
         for stage in stages:
             call_address(stage, model, data)
@@ -44,36 +44,36 @@ def test_compiled_code_moves_the_data_of_python() -> None:
     """A ball falls by MuJoCo's semi-implicit Euler: after n steps it is g dt² n (n + 1) / 2
     lower.
     """
-    model, data = falling()
-    _in_turn(*calls_of(model, data), 100)
+    model, data = falling_ball()
+    _call_stages(*calls_of(model, data), 100)
     assert data.time == pytest.approx(100 * model.opt.timestep)
     assert data.qpos[2] == pytest.approx(-9.81 * model.opt.timestep**2 * 100 * 101 / 2, rel=1e-12)
 
 
-def test_two_steps_are_those_of_mujoco_to_the_bit(verdict: Path) -> None:
+def test_steps_by_stages_are_those_of_mujoco_to_the_bit(verdict_file: Path) -> None:
     assert largest_step_difference() == 0.0
-    assert not verdict.exists()
-    calls_of(*falling())
-    assert verdict.exists()
+    assert not verdict_file.exists()
+    calls_of(*falling_ball())
+    assert verdict_file.exists()
 
 
 @pytest.mark.parametrize("left_out", ["mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM"])
 def test_release_whose_step_has_another_stage_is_refused(
-    monkeypatch: pytest.MonkeyPatch, verdict: Path, left_out: str
+    monkeypatch: pytest.MonkeyPatch, verdict_file: Path, left_out: str
 ) -> None:
     """As if a release had moved what a stage does into another function."""
-    changed = tuple("mj_kinematics" if name == left_out else name for name in STAGES)
-    monkeypatch.setattr(mujoco_calls, "STAGES", changed)
+    changed_stages = tuple("mj_kinematics" if name == left_out else name for name in STAGES)
+    monkeypatch.setattr(mujoco_calls, "STAGES", changed_stages)
     with pytest.raises(LaisnError, match=r"differs from mj_step by .*; install a release that"):
-        calls_of(*falling())
-    assert not verdict.exists()
+        calls_of(*falling_ball())
+    assert not verdict_file.exists()
 
 
 def test_release_without_a_stage_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     mujoco_calls._library.cache_clear()
     monkeypatch.setattr(mujoco_calls, "STAGES", ("mj_kinetics", *STAGES[1:]))
     with pytest.raises(LaisnError, match="has no function mj_kinetics; install a release that"):
-        calls_of(*falling())
+        calls_of(*falling_ball())
 
 
 def test_package_without_a_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,16 +82,16 @@ def test_package_without_a_library_is_named(monkeypatch: pytest.MonkeyPatch) -> 
     with pytest.raises(
         LaisnError, match=r"MuJoCo 4\.9\.0: .* holds none of libmujoco\.so\.4\.9\.0"
     ):
-        calls_of(*falling())
+        calls_of(*falling_ball())
 
 
 def test_release_that_passed_is_not_tested_again(
-    monkeypatch: pytest.MonkeyPatch, verdict: Path
+    monkeypatch: pytest.MonkeyPatch, verdict_file: Path
 ) -> None:
-    verdict.touch()
+    verdict_file.touch()
 
-    def tested() -> float:
+    def fail_if_tested() -> float:
         raise AssertionError("tested again")
 
-    monkeypatch.setattr(mujoco_calls, "largest_step_difference", tested)
-    calls_of(*falling())
+    monkeypatch.setattr(mujoco_calls, "largest_step_difference", fail_if_tested)
+    calls_of(*falling_ball())

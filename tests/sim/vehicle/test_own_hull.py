@@ -26,14 +26,14 @@ from sim.vehicle.own_hull import hull_errors
 FOLLOWER, LEADER = (
     models.path(name).read_text(encoding="utf-8") for name in ("follower", "leader")
 )
-SITES = ("depth_sensor", "cg")
+COMMON_SITES = ("depth_sensor", "cg")
 
 
-def without(kind: str, name: str, text: str = FOLLOWER) -> str:
+def without_element(element: str, name: str, mjcf_text: str = FOLLOWER) -> str:
     """A hull without one of its sites, actuators or numerics."""
-    actual = re.sub(rf'<{kind} name="{name}"[^>]*/>', "", text)
-    assert actual != text
-    return actual
+    changed = re.sub(rf'<{element} name="{name}"[^>]*/>', "", mjcf_text)
+    assert changed != mjcf_text
+    return changed
 
 
 def test_the_projects_own_hulls_lack_nothing() -> None:
@@ -43,7 +43,7 @@ def test_the_projects_own_hulls_lack_nothing() -> None:
 
 @pytest.mark.parametrize("name", NUMERICS)
 def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
-    (error,) = hull_errors(without("numeric", name), "follower")
+    (error,) = hull_errors(without_element("numeric", name), "follower")
     assert error.startswith(f"lacks <numeric name='{name}'>, ")
     assert error.endswith(f"[{NUMERICS[name][1]}]")
 
@@ -51,17 +51,17 @@ def test_a_missing_coefficient_is_named_with_its_unit(name: str) -> None:
 @pytest.mark.parametrize(
     ("role", "text", "name"),
     [
-        *(("follower", FOLLOWER, name) for name in (*SITES, "hydrophone")),
+        *(("follower", FOLLOWER, name) for name in (*COMMON_SITES, "hydrophone")),
         *(("leader", LEADER, name) for name in ("tx_rear", "tx_front", "tx_middle")),
     ],
 )
 def test_a_missing_site_is_named(role: str, text: str, name: str) -> None:
-    (error,) = hull_errors(without("site", name, text), role)
+    (error,) = hull_errors(without_element("site", name, text), role)
     assert error.startswith(f"lacks <site name='{name}'>, ")
 
 
 def test_an_actuator_whose_site_is_missing_is_named() -> None:
-    (error,) = hull_errors(without("site", "thruster_lateral_bow"), "follower")
+    (error,) = hull_errors(without_element("site", "thruster_lateral_bow"), "follower")
     assert (
         error
         == "<general name='thruster_lateral_bow'>: there is no <site name='thruster_lateral_bow'>"
@@ -145,7 +145,7 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
             "has 21 elements <mesh>",
         ),
         (
-            without("site", "fins_level"),
+            without_element("site", "fins_level"),
             "there is no actuator 'hull/fins_level', nor a site of the body 'hull/hull'",
         ),
         (
@@ -173,7 +173,7 @@ def test_an_actuator_whose_site_is_missing_is_named() -> None:
 def test_an_unusable_hull_is_refused_with_the_reason(
     text: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Before MuJoCo writes a warning into a file in the user's folder."""
+    """And MuJoCo has written no file of warnings into the working folder."""
     monkeypatch.chdir(tmp_path)
     assert text != FOLLOWER
     errors = hull_errors(text, "follower")
@@ -183,11 +183,11 @@ def test_an_unusable_hull_is_refused_with_the_reason(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A scenario and its hull, of twice the drag along its way."""
+    """The folder of a scenario and its hull, the follower with twice the axial drag coefficient."""
     folder = tmp_path_factory.mktemp("own")
-    text = FOLLOWER.replace('data="0.2128 0.05596 0.266"', 'data="0.2128 0.11192 0.266"')
-    assert text != FOLLOWER
-    (folder / "mine.xml").write_text(text, encoding="utf-8")
+    mjcf_text = FOLLOWER.replace('data="0.2128 0.05596 0.266"', 'data="0.2128 0.11192 0.266"')
+    assert mjcf_text != FOLLOWER
+    (folder / "mine.xml").write_text(mjcf_text, encoding="utf-8")
     (folder / "mine.toml").write_text(
         'duration_s = 60\n[[followers]]\nroute = "T2"\nmodel = "mine.xml"\n'
     )
@@ -195,17 +195,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_hull_of_the_file_is_flown(folder: Path) -> None:
-    """At 1 m/s through still water the thrust is the drag, which is mostly that of the hull at
-    no incidence.
+    """At steady speed through still water the thrust equals the drag: it is larger by the drag of
+    the added coefficient.
     """
-    own, usual = (
-        laisn_sim.fly(source, {"duration_s": 60}) for source in (folder / "mine.toml", "T2")
+    own, shipped = (
+        laisn_sim.fly(scenario, {"duration_s": 60}) for scenario in (folder / "mine.toml", "T2")
     )
-    thrusts = [flight.trajectory.effector_states[-200:, 1, 0].mean() for flight in (own, usual)]
-    speed = usual.trajectory.forward_speed[-200:, 1]
-    more = 0.5 * 1026 * 0.2128 * 0.05596 * np.mean(speed**2)
-    assert thrusts[0] - thrusts[1] == pytest.approx(more, rel=0.02)
-    np.testing.assert_array_equal(own.trajectory.position[:, 0], usual.trajectory.position[:, 0])
+    thrusts = [flight.trajectory.effector_states[-200:, 1, 0].mean() for flight in (own, shipped)]
+    speed = shipped.trajectory.forward_speed[-200:, 1]
+    added_drag = 0.5 * 1026 * 0.2128 * 0.05596 * np.mean(speed**2)
+    assert thrusts[0] - thrusts[1] == pytest.approx(added_drag, rel=0.02)
+    np.testing.assert_array_equal(own.trajectory.position[:, 0], shipped.trajectory.position[:, 0])
 
 
 def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> None:
@@ -220,27 +220,29 @@ def test_a_scenario_is_whole_without_the_file(folder: Path, tmp_path: Path) -> N
     )
 
 
-def test_errors_of_a_hull_come_with_other_obstacles(folder: Path) -> None:
-    """Keys are validated first, what they mean together second; each round reports all of its
-    errors.
+def test_errors_of_a_hull_are_reported_together_with_others(folder: Path) -> None:
+    """Keys are validated one by one first and together second; each of these rounds reports all of
+    its errors.
     """
-    (folder / "bad.xml").write_text(without("site", "hydrophone"), encoding="utf-8")
+    (folder / "bad.xml").write_text(without_element("site", "hydrophone"), encoding="utf-8")
     changes = {"followers.0.model": str(folder / "bad.xml"), "ocean.floor_depth_m": 4.0}
-    with pytest.raises(laisn_sim.LaisnError) as expected:
+    with pytest.raises(laisn_sim.LaisnError) as caught:
         laisn_sim.load(folder / "mine.toml", changes)
-    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(
-        expected.value
-    )
-    assert "floor_depth_m" in str(expected.value)
-    for name, expected in (
+    assert "followers[0].model: lacks <site name='hydrophone'>, the hydrophone" in str(caught.value)
+    assert "floor_depth_m" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [
         ("absent.xml", "No such file"),
         ("/dev/zero", "it is no plain file"),
         ("/", "it is a folder"),
-    ):
-        with pytest.raises(
-            laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {expected}"
-        ):
-            laisn_sim.load("T5", {"leader.model": name})
+    ],
+)
+def test_a_hull_that_is_no_readable_file_is_refused(path: str, reason: str) -> None:
+    with pytest.raises(laisn_sim.LaisnError, match=rf"leader\.model: cannot be read: {reason}"):
+        laisn_sim.load("T5", {"leader.model": path})
 
 
 def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
@@ -257,27 +259,29 @@ def test_a_study_finds_hulls_beside_its_file(folder: Path) -> None:
 
 
 def test_logs_draw_the_hull_of_the_file() -> None:
-    def drawn(model_of: str) -> dict[str, list[Any]]:
-        return hull(spec_of(model_of).compile())
+    def drawn_shapes(model: str) -> dict[str, list[Any]]:
+        return hull(spec_of(model).compile())
 
-    bare = re.sub(r"<geom [^>]*/>", "", FOLLOWER)
-    assert len(drawn("follower")["cylinders"]) > 3
-    assert not any(drawn(bare).values())
+    without_geoms = re.sub(r"<geom [^>]*/>", "", FOLLOWER)
+    assert len(drawn_shapes("follower")["cylinders"]) > 3
+    assert not any(drawn_shapes(without_geoms).values())
     # the keyframe of the file is of five thrusters
-    fewer = re.sub(r'<(site|general) name="thruster_lateral_[^>]*/>', "", FOLLOWER)
-    assert repr(drawn(fewer)) == repr(drawn(FOLLOWER))
+    without_lateral_thrusters = re.sub(
+        r'<(site|general) name="thruster_lateral_[^>]*/>', "", FOLLOWER
+    )
+    assert repr(drawn_shapes(without_lateral_thrusters)) == repr(drawn_shapes(FOLLOWER))
 
 
-NO_LIFT = {
+WITHOUT_VERTICAL_LIFT = {
     'data="0.2128 0.05596 0.266"': 'data="0.2128 0.05596 0"',
     '<numeric name="fins_level.fin" data="0.027 3.09 1.5708 0"/>': "",
 }
-"""A hull whose only lift is that of its upright fins."""
+"""Replacements in the MJCF of the follower that leave it the lift of its upright fins alone."""
 
 
 def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> None:
     text = FOLLOWER
-    for old, new in NO_LIFT.items():
+    for old, new in WITHOUT_VERTICAL_LIFT.items():
         assert old in text
         text = text.replace(old, new)
     (tmp_path / "flat.xml").write_text(text, encoding="utf-8")
@@ -288,9 +292,14 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
     ):
         laisn_sim.load("T3", changes | {"followers.0.depth_control": "pitch"})
     # thrusters alone hold it, unless they follow too slowly; what passes flies
-    held = laisn_sim.fly("T3", changes | {"followers.0.depth_control": "thrust", "duration_s": 5})
-    assert held.outcome is Termination.COMPLETED
-    assert np.abs(held.trajectory.depth[:, 1] - held.scenario.followers[0].depth_m).max() < 1.0
+    by_thrust = laisn_sim.fly(
+        "T3", changes | {"followers.0.depth_control": "thrust", "duration_s": 5}
+    )
+    assert by_thrust.outcome is Termination.COMPLETED
+    assert (
+        np.abs(by_thrust.trajectory.depth[:, 1] - by_thrust.scenario.followers[0].depth_m).max()
+        < 1.0
+    )
     (tmp_path / "flat.xml").write_text(text.replace('dynprm="0.3"', 'dynprm="2"'), encoding="utf-8")
     with pytest.raises(laisn_sim.LaisnError, match=r"cannot stabilise heave and pitch at 1 m/s"):
         laisn_sim.load("T3", changes)
@@ -301,7 +310,7 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ("10.78728 7.45398", "1e5 7.45398", "too fast for physics steps of 0.02 s"),
         ("0.56 0.72", "0.56 100", "too fast for physics steps of 0.02 s"),
@@ -319,80 +328,85 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
     ],
 )
 def test_a_hull_that_cannot_be_simulated_is_refused_by_name(
-    tmp_path: Path, old: str, new: str, words: str
+    tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     assert old in FOLLOWER
     (tmp_path / "odd.xml").write_text(FOLLOWER.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(laisn_sim.LaisnError, match=rf"followers\[0\]\.model: .*{words}"):
+    with pytest.raises(laisn_sim.LaisnError, match=rf"followers\[0\]\.model: .*{message}"):
         laisn_sim.load("T3", {"followers.0.model": str(tmp_path / "odd.xml"), "duration_s": 20})
 
 
-def moved_leader(**places: str) -> str:
+def moved_leader(**positions: str) -> str:
     """The project's leader with transmitters elsewhere."""
     text = LEADER
-    for name, place in places.items():
-        text, count = re.subn(rf'(<site name="{name}" [^>]*pos=)"[^"]*"', rf'\1"{place}"', text)
+    for name, position in positions.items():
+        text, count = re.subn(rf'(<site name="{name}" [^>]*pos=)"[^"]*"', rf'\1"{position}"', text)
         assert count == 1, name
     return text
 
 
-SHORT = {"tx_rear": "-0.7 0 0", "tx_front": "0.7 0 0", "tx_middle": "0 0.2 0"}
-TOWED = {"tx_rear": "-12 0.5 -2", "tx_front": "-9 -0.5 -2.5", "tx_middle": "-10 1 -2"}
+SHORT_BASELINE = {"tx_rear": "-0.7 0 0", "tx_front": "0.7 0 0", "tx_middle": "0 0.2 0"}
+TOWED_BEAM = {"tx_rear": "-12 0.5 -2", "tx_front": "-9 -0.5 -2.5", "tx_middle": "-10 1 -2"}
 
 
-def flown(hull: str, leader: dict[str, float], **more: Any) -> FlightRecord:
+def point_motion_flight(
+    leader_hull: str, leader_keys: dict[str, float], **other_keys: Any
+) -> FlightRecord:
     """A short flight with point motion behind a leader."""
     return laisn_sim.fly(
         {
             "followers": [{"route": "T5"}],
-            "leader": {"model": hull, **leader},
+            "leader": {"model": leader_hull, **leader_keys},
             "motion": "kinematic",
             "duration_s": 20.0,
-            **more,
+            **other_keys,
         }
     )
 
 
 def test_transmitters_are_where_the_own_hull_has_them() -> None:
-    flight = flown(moved_leader(**SHORT), {})
-    t = flight.trajectory
+    flight = point_motion_flight(moved_leader(**SHORT_BASELINE), {})
+    trajectory = flight.trajectory
     assert [
-        t.site_offset[t.site(f"leader/tx_{name}")].tolist() for name in ("rear", "front", "middle")
+        trajectory.site_offset[trajectory.site(f"leader/tx_{name}")].tolist()
+        for name in ("rear", "front", "middle")
     ] == [[-0.7, 0, 0], [0.7, 0, 0], [0, 0.2, 0]]
-    expected = navigation_settings(flight.scenario, t.sites, 0)
-    assert (expected.baseline, expected.middle_offset, expected.transmitter_offsets) == (
+    settings = navigation_settings(flight.scenario, trajectory.sites, 0)
+    assert (settings.baseline, settings.middle_offset, settings.transmitter_offsets) == (
         1.4,
         0.2,
         (),
     )
     assert cautions(flight.scenario) == []
-    # what is saved and loaded has no other places
+    # loading sets no baseline, and saving keeps the hull
     assert laisn_sim.load(flight.scenario).leader.baseline_m is None
     again = Scenario.model_validate(tomllib.loads(flight.scenario.toml()))
     assert again == flight.scenario
 
 
 def test_a_key_moves_the_transmitters_of_an_own_hull() -> None:
-    flight = flown(moved_leader(**SHORT), {"baseline_m": 1.0})
-    t = flight.trajectory
-    assert t.site_offset[t.site("leader/tx_front"), 0] == 0.5
-    assert t.site_offset[t.site("leader/tx_middle"), 1] == 0.2
+    flight = point_motion_flight(moved_leader(**SHORT_BASELINE), {"baseline_m": 1.0})
+    trajectory = flight.trajectory
+    assert trajectory.site_offset[trajectory.site("leader/tx_front"), 0] == 0.5
+    assert trajectory.site_offset[trajectory.site("leader/tx_middle"), 1] == 0.2
 
 
 @pytest.mark.parametrize("variant", ["tight", "laisn-2"])
 def test_transmitters_on_a_towed_beam_are_navigated_by(variant: str) -> None:
-    """12 m behind the leader and below it: taken as those of the hull, the error would be some
-    10 m.
+    """9 to 12 m behind the leader and below it: with the transmitters of the shipped hull, the
+    position would be some 10 m off.
     """
-    flight = flown(moved_leader(**TOWED), {}, navigation={"variant": variant}, duration_s=100.0)
-    expected = navigation_settings(flight.scenario, flight.trajectory.sites, 0)
-    assert expected.transmitter_offsets == (
+    flight = point_motion_flight(
+        moved_leader(**TOWED_BEAM), {}, navigation={"variant": variant}, duration_s=100.0
+    )
+    settings = navigation_settings(flight.scenario, flight.trajectory.sites, 0)
+    assert settings.transmitter_offsets == (
         (-12.0, 0.5, -2.0),
         (-9.0, -0.5, -2.5),
         (-10.0, 1.0, -2.0),
     )
-    error = position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
-    assert np.median(error) < 2.0
+    errors = position_errors(flight.estimates[0].state[:, :2], flight.hydrophone(0)[:, :2])
+    assert np.median(errors) < 2.0
 
 
 def test_followers_on_stations_need_transmitters_on_the_axis() -> None:
@@ -400,6 +414,6 @@ def test_followers_on_stations_need_transmitters_on_the_axis() -> None:
         laisn_sim.load(
             {
                 "followers": [{"station": {"behind_m": 20, "depth_m": 10}}],
-                "leader": {"model": moved_leader(**TOWED)},
+                "leader": {"model": moved_leader(**TOWED_BEAM)},
             }
         )

@@ -70,12 +70,14 @@ def test_views_follow_the_state() -> None:
     plant.step(command, 500)
     assert plant.time == pytest.approx(10.0)
     # sites are where pose and offset put them
-    v = plant.site_vehicle
-    expected = plant.pose[v, :3] + attitude.rotate(plant.pose[v, 3:], plant.site_offset)
+    vehicle_of_site = plant.site_vehicle
+    expected = plant.pose[vehicle_of_site, :3] + attitude.rotate(
+        plant.pose[vehicle_of_site, 3:], plant.site_offset
+    )
     mujoco.mj_kinematics(plant.model, plant.data)
     np.testing.assert_allclose(plant.data.site_xpos, expected, atol=1e-12)
     assert plant.site_names[0] == "leader/tx_rear"
-    assert plant.site_names[int(np.flatnonzero(v == 1)[0])] == "T2/hydrophone"
+    assert plant.site_names[int(np.flatnonzero(vehicle_of_site == 1)[0])] == "T2/hydrophone"
 
 
 def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
@@ -106,17 +108,18 @@ def test_a_step_is_mujocos_own_with_the_water_in_its_middle() -> None:
             == -1
         )
         mujoco.mj_factorM(model, data)
-        twist[:] -= plant.dt / 2 * before
+        twist[:] -= plant.dt / 2 * last_acceleration
         mujoco.mj_step2(model, data)
         twist[:] += plant.dt / 2 * data.qacc.reshape(2, 6)
         return data.qacc.reshape(2, 6).copy()
 
-    start, before = data.qpos.copy(), np.zeros((2, 6))
-    before = advance()
-    data.time, data.qpos[:], data.act[:] = 0.0, start, 0.0
+    # the first call finds the acceleration at the start, then the state is set back
+    start_pose, last_acceleration = data.qpos.copy(), np.zeros((2, 6))
+    last_acceleration = advance()
+    data.time, data.qpos[:], data.act[:] = 0.0, start_pose, 0.0
     twist[:] = plant.twist
     for _ in range(500):
-        before = advance()
+        last_acceleration = advance()
     plant.step(command, 500)
     np.testing.assert_allclose(plant.pose, pose, rtol=0, atol=1e-9)
     np.testing.assert_allclose(plant.twist, twist, rtol=0, atol=1e-9)
@@ -129,12 +132,14 @@ def test_mujoco_reads_no_clock_in_a_step() -> None:
 
 
 def test_effectors_follow_commands_within_their_limits_by_a_first_order_lag() -> None:
-    """In closed form after a second; the hulls have 150 and 100 N ahead, and a lag of 0.3 s."""
+    """In closed form after a second: the leader has 150 N ahead, the follower 25 N vertically, and
+    the lag is 0.3 s.
+    """
     plant = Plant(setups(), Ocean())
     plant.step(np.array([[500.0, 8, -6, 3, -5], [12, -5, 6, -2, 300]]), 50)
-    wanted = np.array([[150.0, 8, -6, 3, -5], [12, -5, 6, -2, 25]])
+    limited_command = np.array([[150.0, 8, -6, 3, -5], [12, -5, 6, -2, 25]])
     np.testing.assert_allclose(
-        plant.effector_states, wanted * (1.0 - np.exp(-1.0 / 0.3)), rtol=1e-12
+        plant.effector_states, limited_command * (1.0 - np.exp(-1.0 / 0.3)), rtol=1e-12
     )
 
 
@@ -206,24 +211,24 @@ def test_thrust_follows_the_command_with_its_lag_and_within_its_limits() -> None
     np.testing.assert_allclose(plant.effector_states, plant.effectors["limits"][..., 0], rtol=1e-9)
 
 
-def test_looks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_geoms_change_nothing_in_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     """The plant's model lacks the vehicles' geoms; with them it moves the same, to the bit."""
     command = np.array([[40.0, 5, -5, 1, 1], [20, -3, 3, 0, 2]])
-    without = Plant(setups(), rough_sea())
+    without_geoms = Plant(setups(), rough_sea())
     monkeypatch.setattr(
         "sim.vehicle.plant.compose", lambda setups, depth, with_geoms: compose(setups, depth)
     )
     # compiled anew, rather than shared with the plant before
     monkeypatch.setattr("sim.vehicle.plant._compiled_fleet", _compiled_fleet.__wrapped__)
-    complete = Plant(setups(), rough_sea())
-    assert complete.model.ngeom > without.model.ngeom + 20
-    for plant in (without, complete):
+    with_geoms = Plant(setups(), rough_sea())
+    assert with_geoms.model.ngeom > without_geoms.model.ngeom + 20
+    for plant in (without_geoms, with_geoms):
         plant.step(command, 500)
-    assert without.pose.tobytes() == complete.pose.tobytes()
-    assert without.twist.tobytes() == complete.twist.tobytes()
+    assert without_geoms.pose.tobytes() == with_geoms.pose.tobytes()
+    assert without_geoms.twist.tobytes() == with_geoms.twist.tobytes()
 
 
-CHANGED = {
+CHANGED_SETTINGS = {
     "cg_offset_x_m": 0.02,
     "cg_offset_z_m": -0.01,
     "drag_scale": 1.3,
@@ -237,61 +242,64 @@ CHANGED = {
 """Other values of the keys on which a hull depends, beside its model and its autopilot."""
 
 
-def _what_follows(settings: Vehicle, density: float) -> dict[str, bytes]:
-    """All that is computed of a vehicle before it moves."""
+def _computed_before_motion(settings: Vehicle, density: float) -> dict[str, bytes]:
+    """All that is computed of a vehicle before it moves, as bytes."""
     setup = VehicleSetup(
         name="T2", model="follower", position_m=(0, 0, -10.0), heading_rad=EAST, settings=settings
     )
     plant = Plant([setup], Ocean(density_kg_m3=density), engine="direct")
-    of_pitch, of_thrust = (design(plant, (control,)) for control in ("pitch", "thrust"))
+    by_pitch, by_thrust = (design(plant, (control,)) for control in ("pitch", "thrust"))
     return {
         "coefficients": plant.true_coefficients.tobytes(),
         "effectors": plant.true_effectors.tobytes(),
         "bodies": plant.bodies.tobytes(),
         "sites": plant.site_offset.tobytes(),
-        "by pitch": of_pitch.tobytes(),
-        "by thrust": of_thrust.tobytes(),
+        "by pitch": by_pitch.tobytes(),
+        "by thrust": by_thrust.tobytes(),
     }
 
 
-def test_every_key_of_a_hull_is_among_those_that_are_changed_here() -> None:
-    assert {*HULL_KEYS, "hydrophone_m"} == {*CHANGED, "depth_control"}
+def test_changed_settings_hold_every_key_of_a_hull() -> None:
+    assert {*HULL_KEYS, "hydrophone_m"} == {*CHANGED_SETTINGS, "depth_control"}
 
 
-def test_what_is_kept_of_a_hull_is_not_taken_for_another() -> None:
+def test_cached_hulls_are_those_of_their_settings() -> None:
     """Hulls, coefficients and designs of a study are made once for all missions that have them."""
     hulls = [(Vehicle.model_construct(), 1025.0), (Vehicle.model_construct(), 1000.0)]
-    hulls += [(Vehicle.model_construct(**{key: value}), 1025.0) for key, value in CHANGED.items()]
-    anew = []
+    hulls += [
+        (Vehicle.model_construct(**{key: value}), 1025.0) for key, value in CHANGED_SETTINGS.items()
+    ]
+    computed_anew = []
     for settings, density in hulls:
         _compiled_fleet.cache_clear()
-        anew.append(_what_follows(settings, density))
-    assert len({tuple(each.values()) for each in anew}) == len(hulls)
+        computed_anew.append(_computed_before_motion(settings, density))
+    assert len({tuple(computed.values()) for computed in computed_anew}) == len(hulls)
     for _ in range(2):
-        for (settings, density), expected in zip(hulls, anew, strict=True):
-            assert _what_follows(settings, density) == expected
+        for (settings, density), expected in zip(hulls, computed_anew, strict=True):
+            assert _computed_before_motion(settings, density) == expected
 
 
 @pytest.mark.parametrize("settled", [True, False])
 def test_hulls_that_are_compiled_once_start_where_their_setups_have_them(settled: bool) -> None:
-    """In the places and attitudes that MuJoCo's own compiler gives them."""
-    here = Plant(setups(), Ocean(), settled=settled)
-    elsewhere = [
+    """Positions and attitudes are those that MuJoCo's own compiler gives."""
+    first = Plant(setups(), Ocean(), settled=settled)
+    moved_setups = [
         replace(setup, position_m=(31.7, -0.3 * i, -12.1 - i), heading_rad=1.9 + i)
         for i, setup in enumerate(setups())
     ]
-    moved = Plant(elsewhere, Ocean(), settled=settled)
+    moved = Plant(moved_setups, Ocean(), settled=settled)
     again = Plant(setups(), Ocean(), settled=settled)
-    for plant, placed in ((moved, elsewhere), (here, setups()), (again, setups())):
-        expected = compose(placed, with_geoms=False).compile()
+    for plant, setups_of_plant in ((moved, moved_setups), (first, setups()), (again, setups())):
+        expected = compose(setups_of_plant, with_geoms=False).compile()
         for name in ("qpos0", "qpos_spring", "body_pos", "body_quat"):
             np.testing.assert_array_equal(getattr(plant.model, name), getattr(expected, name))
         assert plant.pose.tobytes() == expected.qpos0.tobytes()
     heavier = Plant(setups(excess_buoyancy_n=-3.0), Ocean())
-    assert heavier.coefficients["buoyancy"][0] == here.coefficients["buoyancy"][0] - 3.0
+    assert heavier.coefficients["buoyancy"][0] == first.coefficients["buoyancy"][0] - 3.0
 
 
-def test_plants_that_can_be_stepped_share_no_model() -> None:
+def test_settled_plants_share_no_model() -> None:
+    """Plants that are not settled share one, and each has a state of its own."""
     plants = [Plant(setups(), Ocean()) for _ in range(2)]
     unsettled = [Plant(setups(), Ocean(), settled=False) for _ in range(2)]
     assert len({id(plant.model) for plant in (*plants, *unsettled)}) == 3
@@ -328,7 +336,7 @@ def test_speed_is_reached_with_reserve(vehicle: int, speed: float) -> None:
 
 
 def test_speed_changes_by_two_tenths_per_second() -> None:
-    """Even close to the full 3 m/s, where drag takes most of the thrust."""
+    """At full thrust even close to 3 m/s, where drag takes most of the thrust; in m/s²."""
     plant = Plant(setups(depth=100.0, speed_m_s=2.8), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = plant.effectors["limits"][:, 0, 1]
@@ -340,7 +348,7 @@ def test_speed_changes_by_two_tenths_per_second() -> None:
 
 @pytest.mark.parametrize("speed", [1.0, 2.0])
 def test_turns_ten_degrees_per_second(speed: float) -> None:
-    """Half of the lateral thrust, bow to port and stern to starboard, turns faster than asked."""
+    """0.6 of the lateral thrust, bow to port and stern to starboard, turns them faster than that."""
     plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = [12 * speed**2, 7 * speed**2]
@@ -360,8 +368,8 @@ def test_vertical_thrusters_outweigh_excess_buoyancy() -> None:
     assert (plant.twist[:, 2] < 0).all()
 
 
-def test_nothing_flies() -> None:
-    """Driven up at full thrust through a sea, the hulls stay at the surface."""
+def test_hulls_driven_upwards_stay_at_the_surface() -> None:
+    """At full vertical thrust in waves."""
     plant = Plant(setups(depth=2.0, excess_buoyancy_n=12.0), rough_sea())
     command = np.zeros((2, 5))
     command[:, 3:] = plant.effectors["limits"][:, 3:, 1]
@@ -381,11 +389,11 @@ def test_command_of_wrong_shape_is_refused() -> None:
 def test_lost_state_names_vehicle_time_and_last_good_state() -> None:
     plant = Plant(setups(), Ocean())
     plant.step(np.zeros((2, 5)), 50)
-    good = plant.pose.copy()
+    last_pose = plant.pose.copy()
     plant.twist[1, 0] = np.nan
     with pytest.raises(PlantError, match=r"t = 1\.000 s: the state of T2 is lost") as caught:
         plant.step(np.zeros((2, 5)), 5)
-    assert f"  T2: {np.array2string(good[1], precision=4)}" in str(caught.value)
+    assert f"  T2: {np.array2string(last_pose[1], precision=4)}" in str(caught.value)
 
 
 @pytest.mark.parametrize(("vehicle", "name"), [(0, "leader"), (1, "T2")])
@@ -420,6 +428,7 @@ def test_ten_followers_step_as_one_model() -> None:
     command = np.random.default_rng(0).uniform(-10, 30, (11, 5))
     plant.step(command, 500)
     assert plant.pose.shape == (11, 7)
+    # sites of the leader, and of each follower
     assert len(plant.site_names) == 12 + 10 * 10
 
 
