@@ -348,7 +348,7 @@ def test_speed_changes_by_two_tenths_per_second() -> None:
 
 @pytest.mark.parametrize("speed", [1.0, 2.0])
 def test_turns_ten_degrees_per_second(speed: float) -> None:
-    """0.6 of the lateral thrust, bow to port and stern to starboard, turns them faster than that."""
+    """0.6 of the lateral thrust, bow to port and stern to starboard, turns them faster."""
     plant = Plant(setups(depth=100.0, speed_m_s=speed), Ocean())
     command = np.zeros((2, 5))
     command[:, 0] = [12 * speed**2, 7 * speed**2]

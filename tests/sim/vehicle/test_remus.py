@@ -34,13 +34,13 @@ def propeller(rps: float, speed: float) -> tuple[float, float]:
     return RHO * diameter**4 * rps**2 * thrust, RHO * diameter**5 * rps**2 * torque
 
 
-X_FIN = -0.8
+FIN_X_M = -0.8
 THRUSTERS = np.array(
     [
         [1, 0, 0, 0, 0, 0],
         [0, 0, 0, 1, 0, 0],
-        [0, 1, 0, 0, 0, X_FIN],
-        [0, 0, 1, 0, -X_FIN, 0],
+        [0, 1, 0, 0, 0, FIN_X_M],
+        [0, 0, 1, 0, -FIN_X_M, 0],
         [0] * 6,
     ]
 )
@@ -49,17 +49,19 @@ and stern plane.
 """
 
 
-def thrusts(nu: Floats, rps: float, rudder: float, stern_plane: float) -> Floats:
+def thrusts_of(nu: Floats, rps: float, rudder: float, stern_plane: float) -> Floats:
     """Forces of propeller and fins, from the velocity in Fossen's frame, shape (5,)."""
     u, v, w = nu[:3]
     thrust, torque = propeller(rps, float(np.sqrt(u * u + v * v + w * w)))
     fin_area = 2 * 0.00665
-    side = 0.5 * RHO * (u * u + v * v) * fin_area * 0.5
-    up = 0.5 * RHO * (u * u + w * w) * fin_area * 0.7
-    surge = (1 - 0.1) * thrust - side * rudder**2 - up * stern_plane**2
+    rudder_force_scale = 0.5 * RHO * (u * u + v * v) * fin_area * 0.5
+    plane_force_scale = 0.5 * RHO * (u * u + w * w) * fin_area * 0.7
+    surge = (1 - 0.1) * thrust - rudder_force_scale * rudder**2 - plane_force_scale * stern_plane**2
     # fins lift to starboard and down in Fossen's frame, with a minus; the roll moment is a tenth of
     # the propeller's torque, as measured at sea
-    return np.array([surge, torque / 10, side * rudder, up * stern_plane, 0.0])
+    return np.array(
+        [surge, torque / 10, rudder_force_scale * rudder, plane_force_scale * stern_plane, 0.0]
+    )
 
 
 def run(
@@ -74,20 +76,20 @@ def run(
     """
     tank = Tank(XML, Ocean(), dt, thrusters=THRUSTERS)
     tank.place([0, 0, -500])
-    # lags: 1 s of the propeller, 0.1 s of the fins; what a command of the start has become by the
-    # time t
+    # response to the commands of the start by first-order lags: 1 s of the propeller, 0.1 s of the
+    # fins
     time = dt * np.arange(round(duration / dt))
     rps, fins = rpm / 60 * -np.expm1(-time), -np.expm1(-time / 0.1)
     rudder, plane = np.radians(rudder_deg) * fins, np.radians(stern_plane_deg) * fins
     history = np.empty((time.size, 6))
     for k in range(time.size):
         history[k] = TO_OURS * tank.body_velocity
-        tank.step(thrusts(history[k], rps[k], rudder[k], plane[k]))
+        tank.step(thrusts_of(history[k], rps[k], rudder[k], plane[k]))
     return tank, history
 
 
 @pytest.mark.parametrize(
-    ("rpm", "speed", "rise"),
+    ("rpm", "published_speed", "published_rise"),
     [
         (300, 0.4860, 5.08),
         (500, 0.8314, 3.66),
@@ -97,11 +99,13 @@ def run(
         (1525, 2.5536, 2.06),
     ],
 )
-def test_speed_and_its_rise(rpm: float, speed: float, rise: float) -> None:
-    """The rise to 1 − 1/e of the final speed, from rest; the published one is Euler's first step of
-    0.02 s beyond it.
+def test_final_speed_and_rise_time_are_those_published(
+    rpm: float, published_speed: float, published_rise: float
+) -> None:
+    """The rise time from rest to 1 − 1/e of the final speed is that of the equation of surge; the
+    published one is the first step beyond it of Euler's method with 0.02 s.
 
-    The hull also pitches a little as it gathers way, which the equation of surge leaves out.
+    The hull also pitches a little as it speeds up, which the equation of surge leaves out.
     """
 
     def surge_rate(_: float, state: Floats) -> Floats:
@@ -111,24 +115,28 @@ def test_speed_and_its_rise(rpm: float, speed: float, rise: float) -> None:
             [(0.9 * propeller(rps, u)[0] - drag) / (31.029384976 + 0.83890859334), rpm / 60 - rps]
         )
 
-    aim = (1 - np.exp(-1)) * speed
+    risen_speed = (1 - np.exp(-1)) * published_speed
     _, history = run(rpm, 100.0)
     u = history[:, 0]
-    assert u[-1] == pytest.approx(speed, rel=1e-3)
-    k = int(np.argmax(u >= aim))
-    reached = DT * (k - (u[k] - aim) / (u[k] - u[k - 1]))
-    exact = solve_ivp(surge_rate, (0, 20), [0, 0], rtol=1e-10, atol=1e-12, dense_output=True).sol
-    assert reached == pytest.approx(brentq(lambda t: exact(t)[0] - aim, 0.1, 20), abs=1e-3)
+    assert u[-1] == pytest.approx(published_speed, rel=1e-3)
+    k = int(np.argmax(u >= risen_speed))
+    rise_time = DT * (k - (u[k] - risen_speed) / (u[k] - u[k - 1]))
+    surge_solution = solve_ivp(
+        surge_rate, (0, 20), [0, 0], rtol=1e-10, atol=1e-12, dense_output=True
+    ).sol
+    assert rise_time == pytest.approx(
+        brentq(lambda t: surge_solution(t)[0] - risen_speed, 0.1, 20), abs=1e-3
+    )
 
     state, steps = np.zeros(2), 0
-    while state[0] < aim:
+    while state[0] < risen_speed:
         state, steps = state + DT * surge_rate(0.0, state), steps + 1
-    assert steps * DT == pytest.approx(rise, abs=1e-9)
+    assert steps * DT == pytest.approx(published_rise, abs=1e-9)
 
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    ("rudder", "rpm", "rate", "radius"),
+    ("rudder", "rpm", "published_deg_s", "published_m"),
     [
         (5, 1000, 2.092, 45.7),
         (10, 1000, 3.488, 27.2),
@@ -138,18 +146,20 @@ def test_speed_and_its_rise(rpm: float, speed: float, rise: float) -> None:
         (15, 1525, 7.767, 18.5),
     ],
 )
-def test_turn_rate_and_radius(rudder: float, rpm: float, rate: float, radius: float) -> None:
+def test_turn_rate_and_radius_are_those_published(
+    rudder: float, rpm: float, published_deg_s: float, published_m: float
+) -> None:
     _, history = run(rpm, 200.0, rudder_deg=rudder)
-    turning = abs(history[-1, 5])
-    assert np.degrees(turning) == pytest.approx(rate, rel=2e-3)
-    assert np.linalg.norm(history[-1, :3]) / turning == pytest.approx(radius, rel=4e-3)
+    turn_rate = abs(history[-1, 5])
+    assert np.degrees(turn_rate) == pytest.approx(published_deg_s, rel=2e-3)
+    assert np.linalg.norm(history[-1, :3]) / turn_rate == pytest.approx(published_m, rel=4e-3)
 
 
-@pytest.mark.parametrize(("rpm", "pitch"), [(1000, 8.80), (1525, 20.86)])
-def test_pitch_under_stern_planes(rpm: float, pitch: float) -> None:
+@pytest.mark.parametrize(("rpm", "published_deg"), [(1000, 8.80), (1525, 20.86)])
+def test_pitch_under_stern_planes_is_that_published(rpm: float, published_deg: float) -> None:
     tank, _ = run(rpm, 200.0, stern_plane_deg=-5)
     assert abs(np.degrees(float(attitude.heading_pitch_roll(tank.pose[3:])[1]))) == pytest.approx(
-        pitch, abs=0.02
+        published_deg, abs=0.02
     )
 
 

@@ -23,7 +23,8 @@ from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
 SHIPPED = ("leader", "follower", "remus100", "lauv", "bluerov2_heavy")
-AGREEMENT_M = 1e-9
+TOLERANCE = 1e-9
+"""Of positions [m], of velocities [m/s] and of all other quantities in their units."""
 
 
 def rough_sea() -> Ocean:
@@ -83,9 +84,9 @@ def steered_at_random(engine: Engine, hulls: list[str], depths: list[float], tim
     rng = np.random.default_rng(3)
     limits = plant.effectors["limits"]
     for _ in range(round(time / 2.0)):
-        share = rng.uniform(-0.15, 0.15, limits.shape[:2])
-        share[:, 0] = rng.uniform(0.3, 0.8, len(hulls))
-        plant.step(share * limits[..., 1], 100)
+        relative_commands = rng.uniform(-0.15, 0.15, limits.shape[:2])
+        relative_commands[:, 0] = rng.uniform(0.3, 0.8, len(hulls))
+        plant.step(relative_commands * limits[..., 1], 100)
     return plant
 
 
@@ -95,12 +96,14 @@ def require_same_motion(hulls: list[str], depths: list[float], time: float) -> N
     )
     assert direct.time == mujoco.time
     assert np.linalg.norm(np.diff(mujoco.pose[:, :3], axis=0), axis=1).min() > 1.0
-    np.testing.assert_allclose(direct.pose, mujoco.pose, rtol=0, atol=AGREEMENT_M)
-    np.testing.assert_allclose(direct.twist, mujoco.twist, rtol=0, atol=AGREEMENT_M)
+    np.testing.assert_allclose(direct.pose, mujoco.pose, rtol=0, atol=TOLERANCE)
+    np.testing.assert_allclose(direct.twist, mujoco.twist, rtol=0, atol=TOLERANCE)
 
 
 def fly(engine: Engine, model: str, time: float, *settings: str) -> Trajectory:
-    """T5 behind the default leader, by autopilot, or what of it a time leaves."""
+    """Flight of T5 by autopilot, up to a time [s], with a hull as the follower's, or as the
+    leader's if it is "leader".
+    """
     keys = (
         f"duration_s={time}",
         f"timing.engine={engine}",
@@ -116,9 +119,9 @@ def fly(engine: Engine, model: str, time: float, *settings: str) -> Trajectory:
 def require_same_flight(model: str, time: float, *settings: str) -> None:
     direct, mujoco = (fly(engine, model, time, *settings) for engine in ("direct", "mujoco"))
     for name in ("pose", "twist", "effector_states", "water_velocity"):
-        values = getattr(direct, name)
-        np.testing.assert_allclose(values, getattr(mujoco, name), rtol=0, atol=AGREEMENT_M)
-    # not the same computation twice
+        by_direct = getattr(direct, name)
+        np.testing.assert_allclose(by_direct, getattr(mujoco, name), rtol=0, atol=TOLERANCE)
+    # the two solvers round differently: it is not one computation compared with itself
     assert not np.array_equal(direct.pose, mujoco.pose)
 
 
@@ -127,41 +130,43 @@ JONSWAP = ("ocean.waves.kind=jonswap", "ocean.waves.height_m=0.4", "ocean.waves.
 
 @pytest.mark.system
 @pytest.mark.parametrize("model", SHIPPED)
-def test_every_shipped_vehicle_flies_alike(model: str) -> None:
+def test_every_shipped_vehicle_flies_alike_by_both_solvers(model: str) -> None:
     require_same_flight(model, 1000.0, *JONSWAP)
 
 
 @pytest.mark.system
-def test_random_hulls_move_alike() -> None:
+def test_random_hulls_move_alike_by_both_solvers() -> None:
     rng = np.random.default_rng(11)
     require_same_motion([random_hull(rng) for _ in range(20)], [12.0] * 20, 1000.0)
 
 
 @pytest.mark.system
-def test_hulls_that_leave_the_water_move_alike() -> None:
-    """Whose added mass is that of the immersed share."""
+def test_hulls_that_leave_the_water_move_alike_by_both_solvers() -> None:
+    """Their added mass is that of the immersed part."""
     hulls = [models.path(name).read_text("utf-8") for name in ("leader", "follower")]
     require_same_motion(hulls, [0.05, 0.1], 60.0)
 
 
-def _with(text: str, part: str, more: str) -> str:
-    assert part in text
-    return text.replace(part, f"{part} {more}", 1)
+def _with_attribute(text: str, tag: str, attribute: str) -> str:
+    assert tag in text
+    return text.replace(tag, f"{tag} {attribute}", 1)
 
 
 @pytest.mark.parametrize(
-    ("part", "more", "reason"),
+    ("tag", "attribute", "reason"),
     [
         ("<freejoint", "", ""),
         ('<body name="hull"', 'gravcomp="0.5"', "gravcomp"),
         ("<joint type='free'", "armature='2'", "armature"),
     ],
 )
-def test_what_mujoco_alone_solves_is_refused(part: str, more: str, reason: str) -> None:
+def test_the_direct_solver_refuses_what_mujoco_alone_solves(
+    tag: str, attribute: str, reason: str
+) -> None:
     text = models.path("follower").read_text("utf-8")
-    if part.startswith("<joint"):
-        text = text.replace("<freejoint", part)
-    hull = _with(text, part, more)
+    if tag.startswith("<joint"):
+        text = text.replace("<freejoint", tag)
+    hull = _with_attribute(text, tag, attribute)
     assert reason in direct_solver_error(hull)
     assert bool(reason) == bool(direct_solver_error(hull))
     if reason:

@@ -18,9 +18,9 @@ LATITUDE, LONGITUDE = 54.52, 18.55
 _PHI = np.deg2rad(LATITUDE)
 DEGREE_EAST = 111412.84 * np.cos(_PHI) - 93.5 * np.cos(3 * _PHI) + 0.118 * np.cos(5 * _PHI)
 DEGREE_NORTH = 111132.954 - 559.822 * np.cos(2 * _PHI) + 1.175 * np.cos(4 * _PHI)
-SPEED = 0.2  # scale of the velocities of the gyre [m/s]
-WIDTH = 1000.0  # of one cell of the gyre [m]
-PERIOD = 400.0  # of its sway [s]
+GYRE_SPEED = 0.2  # scale of the velocities of the gyre [m/s]
+GYRE_WIDTH = 1000.0  # of one cell of the gyre [m]
+GYRE_PERIOD = 400.0  # of its sway [s]
 
 SCENARIO = """\
 duration_s = {duration}
@@ -37,28 +37,28 @@ def gyre_velocity(east: Floats, north: Floats, time: Floats | float) -> tuple[Fl
     """Velocity of a double gyre whose middle sways (Shadden, Lekien and Marsden, Physica D 212,
     2005, example 1), scaled to metres; its cells lie about (0, 0).
     """
-    x = (east + WIDTH) / WIDTH
-    y = (north + 0.5 * WIDTH) / WIDTH
-    a = 0.25 * np.sin(2.0 * np.pi * time / PERIOD)
+    x = (east + GYRE_WIDTH) / GYRE_WIDTH
+    y = (north + 0.5 * GYRE_WIDTH) / GYRE_WIDTH
+    a = 0.25 * np.sin(2.0 * np.pi * time / GYRE_PERIOD)
     b = 1.0 - 2.0 * a
     f = a * x**2 + b * x
     slope = 2.0 * a * x + b
-    u = -SPEED * np.sin(np.pi * f) * np.cos(np.pi * y)
-    v = SPEED * np.cos(np.pi * f) * np.sin(np.pi * y) * slope
+    u = -GYRE_SPEED * np.sin(np.pi * f) * np.cos(np.pi * y)
+    v = GYRE_SPEED * np.cos(np.pi * f) * np.sin(np.pi * y) * slope
     return u, v
 
 
 def metres_field(
-    file: Path, spacing: float, interval: float, until: float = 200.0, **attributes: Any
+    file: Path, spacing: float, interval: float, end_time: float = 200.0, **attributes: Any
 ) -> Path:
     """The gyre on a grid in metres, at two depths between which it falls to half."""
     east = np.arange(-1500.0, 1500.1, spacing)
     north = np.arange(-1500.0, 1500.1, spacing)
-    time = np.arange(0.0, until + 0.1, interval)
+    time = np.arange(0.0, end_time + 0.1, interval)
     t, y, x = np.meshgrid(time, north, east, indexing="ij")
     components = np.stack(gyre_velocity(x, y, t))
-    fading = np.array([1.0, 0.5])[None, None, :, None, None]
-    u, v = fading * components[:, :, None]
+    depth_factor = np.array([1.0, 0.5])[None, None, :, None, None]
+    u, v = depth_factor * components[:, :, None]
     units = {"units": "m s-1", **attributes}
     dims = ("time", "depth", "y", "x")
     xarray.Dataset(
@@ -108,10 +108,10 @@ def write(dataset: xarray.Dataset, file: Path, engine: Any = "h5netcdf") -> Path
 
 
 def scenario_file(file: Path, duration: float = 20.0, origin: str = "") -> Path:
-    """A mission in the current of a file beside it."""
+    """A mission in the current of a file beside it; `origin` is TOML before that table."""
     toml = file.parent / f"{file.stem}.toml"
-    text = SCENARIO.format(
+    scenario_text = SCENARIO.format(
         duration=duration, latitude=LATITUDE, longitude=LONGITUDE, start=START, file=file.name
     )
-    toml.write_text(text.replace("[ocean.current]", f"{origin}[ocean.current]"))
+    toml.write_text(scenario_text.replace("[ocean.current]", f"{origin}[ocean.current]"))
     return toml

@@ -38,7 +38,7 @@ def table(file: Path, header: str, *columns: list[float], separator: str = ",") 
     return file
 
 
-def test_check_values_of_teos_10(tmp_path: Path) -> None:
+def test_speeds_are_the_check_values_of_teos_10(tmp_path: Path) -> None:
     header = "pressure_dbar,conservative_temperature_degC,absolute_salinity [g/kg]"
     toml = scenario(table(tmp_path / "a.csv", header, PRESSURE, TEMPERATURE, SALINITY))
     cast = sound_cast(laisn_sim.load(toml).ocean)
@@ -59,19 +59,19 @@ def mackenzie(temperature: float, salinity: float, depth: float) -> float:
 
 
 @pytest.mark.parametrize(
-    ("header", "kelvin", "separator"),
+    ("header", "unit_offset", "separator"),
     [
         ("Depth [m],Temperature [°C],Salinity", 0.0, ","),
         ("depth_m;temp_K;psal", 273.15, ";"),
         ("z\tt\ts", 0.0, "\t"),
     ],
 )
-def test_temperature_and_salinity_in_their_usual_names(
-    tmp_path: Path, header: str, kelvin: float, separator: str
+def test_columns_are_recognised_by_their_usual_names(
+    tmp_path: Path, header: str, unit_offset: float, separator: str
 ) -> None:
     depth, temperature, salinity = [1.0, 12.0, 40.0, 90.0], [18.0, 15.0, 8.0, 6.0], [35.0] * 4
-    given = [value + kelvin for value in temperature]
-    file = table(tmp_path / "b.csv", header, depth, given, salinity, separator=separator)
+    file_temperature = [celsius + unit_offset for celsius in temperature]
+    file = table(tmp_path / "b.csv", header, depth, file_temperature, salinity, separator=separator)
     cast = sound_cast(laisn_sim.load(scenario(file, 45.0, 0.0)).ocean)
     assert cast is not None
     expected = [mackenzie(*row) for row in zip(temperature, salinity, depth, strict=True)]
@@ -83,14 +83,17 @@ def test_a_cast_of_the_speed_is_the_profile_of_the_key(tmp_path: Path) -> None:
     profile = [[0.0, 1490.0], [8.0, 1480.0], [30.0, 1450.0]]
     file = table(tmp_path / "c.csv", "depth,sound_speed", *np.transpose(profile).tolist())
     toml = scenario(file)
-    mine = laisn_sim.fly(toml)
-    other = laisn_sim.fly("T5", {"duration_s": 20, "acoustics.sound_speed_profile": profile})
-    np.testing.assert_array_equal(mine.measurements[0].ranges, other.measurements[0].ranges)
-    plain = laisn_sim.fly("T5", {"duration_s": 20})
-    assert np.nanmax(np.abs(mine.measurements[0].ranges - plain.measurements[0].ranges)) > 0.1
+    by_file = laisn_sim.fly(toml)
+    by_key = laisn_sim.fly("T5", {"duration_s": 20, "acoustics.sound_speed_profile": profile})
+    np.testing.assert_array_equal(by_file.measurements[0].ranges, by_key.measurements[0].ranges)
+    without_profile = laisn_sim.fly("T5", {"duration_s": 20})
+    assert (
+        np.nanmax(np.abs(by_file.measurements[0].ranges - without_profile.measurements[0].ranges))
+        > 0.1
+    )
 
 
-def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
+def test_the_nearest_column_with_values_of_a_model_is_taken(tmp_path: Path) -> None:
     """Potential temperatures in kelvin, longitudes from 0 to 360°, as atlas files have them."""
     depth, latitude, longitude = [5.0, 50.0], [40.0, 45.0, 50.0], [300.0, 330.0, 359.0]
     shape = ("time", "depth", "latitude", "longitude")
@@ -111,7 +114,7 @@ def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
     )
     scene = laisn_sim.load(scenario(write(dataset, tmp_path / "d.nc"), 44.0, -2.0))
     rays = rays_of(SoundSettings.of(scene))
-    # between potential temperature and temperature there are some mK at 50 m
+    # potential and in-situ temperature differ by some mK at 50 m
     assert speed_at(rays.profile, 5.0) == pytest.approx(mackenzie(15.0, 35.0, 5.0), abs=0.15)
     assert speed_at(rays.profile, 50.0) == pytest.approx(mackenzie(8.0, 35.0, 50.0), abs=0.15)
 
@@ -132,7 +135,7 @@ def test_the_nearest_column_of_a_model(tmp_path: Path) -> None:
         ("depth,temperature [F],salinity\n1,50,35\n", "has units 'f'"),
     ],
 )
-def test_a_malformed_cast_is_refused_in_a_sentence(
+def test_a_malformed_cast_is_refused_with_its_file_and_fault(
     tmp_path: Path, text: str, expected: str
 ) -> None:
     file = tmp_path / "e.csv"
@@ -145,14 +148,14 @@ def test_a_malformed_cast_is_refused_in_a_sentence(
 
 
 def atlas() -> xarray.Dataset:
-    """Columns of an ocean atlas: longitudes from 0 to 360° that begin in the middle, latitudes in
-    "degrees", kelvin, salinity in "1e-3", a scalar time.
+    """Columns of an ocean atlas: longitudes from 0 to 360° that begin within the region, latitudes
+    in "degrees", kelvin, salinity in "1e-3", a scalar time.
     """
     depth = np.array([5.0, 15.0, 100.0, 3000.0], dtype=np.float32)
     latitude = np.array([-9.83, -8.17, -6.5, -4.83, -3.17, -1.5], dtype=np.float32)
     longitude = np.array([0.5, 325.5, 330.5, 335.5, 340.5, 345.5, 350.5, 355.5], dtype=np.float32)
     z, y, x = np.meshgrid(depth, latitude, longitude, indexing="ij")
-    # colder by depth and by the number of the column, so that each is known by its temperature
+    # a function of depth, latitude and longitude, so that the temperature identifies the column
     theta = 273.15 + 24.0 - 0.004 * z + 0.1 * y + 0.01 * ((x + 180.0) % 360.0 - 180.0)
     salinity = np.full(theta.shape, 35.0)
     axes = ("depth", "lat", "lon")
@@ -173,24 +176,28 @@ def atlas() -> xarray.Dataset:
 
 
 def surface_temperature(latitude: float, longitude: float) -> float:
+    """Temperature [°C] of the atlas at its least depth, 5 m."""
     return 24.0 - 0.02 + 0.1 * latitude + 0.01 * longitude
 
 
-def first_speed(file: Path, place: tuple[float, float], more: str = "") -> float:
-    toml = scenario(file, *place)
-    text = toml.read_text().replace(f'"{file.name}"', f'"{file.name}"\n{more}')
+def uppermost_speed(
+    file: Path, latitude_longitude: tuple[float, float], sound_speed_keys: str = ""
+) -> float:
+    """Speed of sound at the least depth of the cast that a mission takes [m/s]."""
+    toml = scenario(file, *latitude_longitude)
+    text = toml.read_text().replace(f'"{file.name}"', f'"{file.name}"\n{sound_speed_keys}')
     toml.write_text(text)
     cast = sound_cast(laisn_sim.load(toml).ocean)
     assert cast is not None
     return float(cast.points[0, 1])
 
 
-def test_the_column_of_an_atlas_nearest_to_the_origin_is_taken_and_told(tmp_path: Path) -> None:
+def test_the_nearest_column_of_an_atlas_is_taken_and_check_prints_it(tmp_path: Path) -> None:
     file = write(atlas(), tmp_path / "atlas.nc")
     expected = mackenzie(surface_temperature(-4.83, -19.5), 35.0, 5.0)
-    assert first_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
+    assert uppermost_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
     expected = mackenzie(surface_temperature(-1.5, 0.5), 35.0, 5.0)
-    assert first_speed(file, (-1.0, 1.0)) == pytest.approx(expected, abs=0.1)
+    assert uppermost_speed(file, (-1.0, 1.0)) == pytest.approx(expected, abs=0.1)
     toml = scenario(file, -5.0, -20.0)
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert "cast 29 of 48, 58.5 km from the origin, the nearest with values" in result.stdout
@@ -202,7 +209,7 @@ def test_a_column_on_land_gives_way_to_the_next_one(tmp_path: Path) -> None:
     file = write(dataset, tmp_path / "land.nc")
     # the next latitude is nearer than the next longitude
     expected = mackenzie(surface_temperature(-6.5, -19.5), 35.0, 5.0)
-    assert first_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
+    assert uppermost_speed(file, (-5.0, -20.0)) == pytest.approx(expected, abs=0.1)
 
 
 def test_an_atlas_without_values_is_refused(tmp_path: Path) -> None:
@@ -214,8 +221,8 @@ def test_an_atlas_without_values_is_refused(tmp_path: Path) -> None:
     assert "none of the 48 casts nearest to the origin has values" in result.output
 
 
-def floats() -> xarray.Dataset:
-    """Profiles as floats send them: a list, each at a place and with pressures of its own."""
+def float_profiles() -> xarray.Dataset:
+    """Profiles as profiling floats send them: each at a position and with pressures of its own."""
     pressure = np.array([[5.0, 50.0, np.nan], [4.0, 40.0, 90.0], [6.0, 60.0, 95.0]])
     temperature = np.array([[8.0, 6.0, np.nan], [12.0, 9.0, 7.0], [16.0, 10.0, 8.0]])
     axes = ("N_PROF", "N_LEVELS")
@@ -239,7 +246,7 @@ def floats() -> xarray.Dataset:
 
 
 @pytest.mark.parametrize(
-    ("place", "more", "temperature"),
+    ("latitude_longitude", "sound_speed_keys", "temperature"),
     [
         ((60.9, 3.1), "", 12.0),
         ((62.5, 4.0), "", 16.0),
@@ -247,11 +254,14 @@ def floats() -> xarray.Dataset:
         ((60.9, 3.1), "profile = 3", 16.0),
     ],
 )
-def test_one_of_several_profiles(
-    tmp_path: Path, place: tuple[float, float], more: str, temperature: float
+def test_the_nearest_profile_or_the_one_of_the_key_is_taken(
+    tmp_path: Path,
+    latitude_longitude: tuple[float, float],
+    sound_speed_keys: str,
+    temperature: float,
 ) -> None:
-    file = write(floats(), tmp_path / "floats.nc")
-    speed = first_speed(file, place, more)
+    file = write(float_profiles(), tmp_path / "floats.nc")
+    speed = uppermost_speed(file, latitude_longitude, sound_speed_keys)
     assert speed == pytest.approx(mackenzie(temperature, 35.0, 5.0), abs=0.15)
 
 
@@ -262,48 +272,50 @@ A,54.0,18.0,10,1449
 B,54.6,18.6,0,1460
 B,54.6,18.6,10,1459
 """
-WITHOUT_PLACES = "\n".join(
+WITHOUT_POSITIONS = "\n".join(
     ",".join(row.split(",")[i] for i in (0, 3, 4)) for row in STATIONS.splitlines()
 )
 
 
-def test_casts_of_a_table_by_their_stations(tmp_path: Path) -> None:
+def test_the_nearest_station_of_a_table_or_the_one_of_the_key_is_taken(tmp_path: Path) -> None:
     file = tmp_path / "stations.csv"
     file.write_text(STATIONS)
-    assert first_speed(file, (54.5, 18.5)) == 1460.0
-    assert first_speed(file, (54.1, 18.0)) == 1450.0
-    assert first_speed(file, (54.5, 18.5), "profile = 1") == 1450.0
+    assert uppermost_speed(file, (54.5, 18.5)) == 1460.0
+    assert uppermost_speed(file, (54.1, 18.0)) == 1450.0
+    assert uppermost_speed(file, (54.5, 18.5), "profile = 1") == 1450.0
     # without names of stations, by their places
     file.write_text("\n".join(row.partition(",")[2] for row in STATIONS.splitlines()))
-    assert first_speed(file, (54.5, 18.5)) == 1460.0
+    assert uppermost_speed(file, (54.5, 18.5)) == 1460.0
 
 
 @pytest.mark.parametrize(
-    ("more", "expected"),
+    ("sound_speed_keys", "expected"),
     [
         ("", "it has 2 casts, and does not say where they were taken; choose one with profile"),
         ("profile = 3", "profile = 3; it has 2 casts"),
     ],
 )
-def test_a_cast_that_is_not_clear_is_asked_for(tmp_path: Path, more: str, expected: str) -> None:
+def test_several_casts_without_positions_need_a_valid_key_profile(
+    tmp_path: Path, sound_speed_keys: str, expected: str
+) -> None:
     file = tmp_path / "stations.csv"
-    file.write_text(WITHOUT_PLACES)
+    file.write_text(WITHOUT_POSITIONS)
     toml = scenario(file)
-    toml.write_text(toml.read_text().replace('.csv"', f'.csv"\n{more}'))
+    toml.write_text(toml.read_text().replace('.csv"', f'.csv"\n{sound_speed_keys}'))
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
     assert expected in result.output
 
 
-def test_a_cast_that_is_asked_for_is_told(tmp_path: Path) -> None:
+def test_check_prints_the_cast_that_the_key_chooses(tmp_path: Path) -> None:
     file = tmp_path / "stations.csv"
-    file.write_text(WITHOUT_PLACES)
-    assert first_speed(file, (54.5, 18.5), "profile = 2") == 1460.0
+    file.write_text(WITHOUT_POSITIONS)
+    assert uppermost_speed(file, (54.5, 18.5), "profile = 2") == 1460.0
     result = CliRunner().invoke(app, ["check", str(tmp_path / "cast.toml")])
     assert "cast 2 of 2" in result.stdout
 
 
-def test_profiles_of_a_model_at_the_time_nearest_to_the_start(tmp_path: Path) -> None:
+def test_the_profile_of_the_time_nearest_to_the_start_is_taken(tmp_path: Path) -> None:
     depth, time = [5.0, 50.0], [0.0, 10.0, 20.0]
     speed = 1450.0 + np.array([[0.0, 1.0], [10.0, 11.0], [20.0, 21.0]])
     dataset = xarray.Dataset(
@@ -314,4 +326,4 @@ def test_profiles_of_a_model_at_the_time_nearest_to_the_start(tmp_path: Path) ->
         },
     )
     # missions begin on 1 January unless a key says otherwise
-    assert first_speed(write(dataset, tmp_path / "t.nc"), (54.0, 18.0)) == 1460.0
+    assert uppermost_speed(write(dataset, tmp_path / "t.nc"), (54.0, 18.0)) == 1460.0

@@ -48,7 +48,7 @@ def velocity_of(file: Path, points: Floats, time: float, duration: float = 20.0)
 
 
 @pytest.mark.system
-def test_the_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
+def test_the_interpolation_error_falls_with_the_square_of_the_spacing(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([rng.uniform(-300, 300, (400, 2)), np.zeros(400)])
     errors = []
@@ -67,44 +67,55 @@ def test_rate_and_gradient_are_those_of_the_field_between_the_points(tmp_path: P
     file = metres_field(tmp_path / "gyre.nc", 50.0, 20.0)
     environment = ocean_of(SeaSettings.of(laisn_sim.load(scenario_file(file, 60.0)))).environment
     rng = np.random.default_rng(4)
-    h = 1e-3
+    step = 1e-3
     for _ in range(20):
         # well within a cell, where the field has a derivative
-        place = 50.0 * rng.integers(-5, 5, 3) + rng.uniform(5, 45, 3)
-        place[2] = -rng.uniform(1.0, 35.0)
+        position = 50.0 * rng.integers(-5, 5, 3) + rng.uniform(5, 45, 3)
+        position[2] = -rng.uniform(1.0, 35.0)
         time = float(20.0 * rng.integers(0, 2) + rng.uniform(1, 19))
         motion = rng.normal(size=3)
 
-        def u(offset: Floats, later: float, place: Floats = place, time: float = time) -> Floats:
-            return np.array(environment.flow(tuple(place + offset), time + later))
+        def velocity_near(
+            offset: Floats, later: float, position: Floats = position, time: float = time
+        ) -> Floats:
+            return np.array(environment.flow(tuple(position + offset), time + later))
 
-        water = flow(sea_at(environment, time), tuple(place), tuple(motion), (1.0, 0.0, 0.0))
-        differences = [(u(h * axis, 0.0) - u(-h * axis, 0.0)) / (2 * h) for axis in np.eye(3)]
+        water = flow(sea_at(environment, time), tuple(position), tuple(motion), (1.0, 0.0, 0.0))
+        differences = [
+            (velocity_near(step * axis, 0.0) - velocity_near(-step * axis, 0.0)) / (2 * step)
+            for axis in np.eye(3)
+        ]
         np.testing.assert_allclose(water.gradient, np.array(differences).T, atol=1e-9)
-        along = (u(h * motion, h) - u(-h * motion, -h)) / (2 * h)
-        np.testing.assert_allclose(water.rate, along, atol=1e-9)
-        np.testing.assert_allclose(water.velocity, u(np.zeros(3), 0.0), atol=1e-15)
+        rate_along_motion = (
+            velocity_near(step * motion, step) - velocity_near(-step * motion, -step)
+        ) / (2 * step)
+        np.testing.assert_allclose(water.rate, rate_along_motion, atol=1e-9)
+        np.testing.assert_allclose(water.velocity, velocity_near(np.zeros(3), 0.0), atol=1e-15)
 
 
-def enu_of(latitude_deg: float, longitude_deg: float, origin: tuple[float, float]) -> Floats:
+def east_north_of(latitude_deg: float, longitude_deg: float, origin: tuple[float, float]) -> Floats:
     """East and north on the tangent plane at an origin, through earth-centred coordinates [m]."""
 
     def earth_centred(latitude: float, longitude: float) -> Floats:
         e2 = FLATTENING * (2.0 - FLATTENING)
         n = SEMI_MAJOR_AXIS / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)
-        level = n * np.cos(latitude)
+        distance_from_axis = n * np.cos(latitude)
         z = n * (1.0 - e2) * np.sin(latitude)
-        return np.array([level * np.cos(longitude), level * np.sin(longitude), z])
+        return np.array(
+            [distance_from_axis * np.cos(longitude), distance_from_axis * np.sin(longitude), z]
+        )
 
     phi, lam = np.deg2rad(origin)
-    away = earth_centred(*np.deg2rad([latitude_deg, longitude_deg])) - earth_centred(phi, lam)
+    offset = earth_centred(*np.deg2rad([latitude_deg, longitude_deg])) - earth_centred(phi, lam)
     east = np.array([-np.sin(lam), np.cos(lam), 0.0])
     north = [-np.sin(phi) * np.cos(lam), -np.sin(phi) * np.sin(lam), np.cos(phi)]
-    return np.array([east @ away, np.array(north) @ away])
+    return np.array([east @ offset, np.array(north) @ offset])
 
 
-def test_a_kilometre_at_60_degrees_north(tmp_path: Path) -> None:
-    """The velocities of this file are the longitudes and latitudes of their places."""
+def test_degrees_are_metres_of_the_ellipsoid_at_60_degrees_north(tmp_path: Path) -> None:
+    """The velocities of this file are the longitudes and latitudes of its points, from the origin:
+    so they say where a point in metres was looked up.
+    """
     axis = np.linspace(-0.05, 0.05, 11)
     y, x = np.meshgrid(axis, axis, indexing="ij")
     dataset = xarray.Dataset(
@@ -118,18 +129,20 @@ def test_a_kilometre_at_60_degrees_north(tmp_path: Path) -> None:
         f'[ocean.current]\nfile = "{file.name}"\n[[followers]]\nroute = "T5"\n'
     )
     scenario = laisn_sim.load(toml)
-    # the log has the mission at the same place
+    # the origin of the table is that of the scenario
     assert (scenario.origin_latitude_deg, scenario.origin_longitude_deg) == (60.0, 5.0)
-    places = np.array([[1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [-700.0, 700.0, 0.0]])
-    for place, (x_deg, y_deg, _) in zip(
-        places, ocean_of(SeaSettings.of(scenario)).velocity(places, 0.0), strict=True
+    points = np.array([[1000.0, 0.0, 0.0], [0.0, 1000.0, 0.0], [-700.0, 700.0, 0.0]])
+    for point, (x_deg, y_deg, _) in zip(
+        points, ocean_of(SeaSettings.of(scenario)).velocity(points, 0.0), strict=True
     ):
-        actual = enu_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
-        assert np.hypot(*(actual - place[:2])) < 0.3
+        actual = east_north_of(60.0 + y_deg, 5.0 + x_deg, (60.0, 5.0))
+        assert np.hypot(*(actual - point[:2])) < 0.3
 
 
-def hycom(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Its names, longitudes from 0 to 360° that begin in the middle, latitudes from the north."""
+def as_of_hycom(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Names of HYCOM, longitudes from 0 to 360° that begin within the region, latitudes from the
+    north.
+    """
     names = {"uo": "water_u", "vo": "water_v", "latitude": "lat", "longitude": "lon"}
     dataset = dataset.rename(names).isel(lat=slice(None, None, -1)).roll(lon=4, roll_coords=True)
     dataset["lon"] = dataset.lon % 360.0
@@ -138,13 +151,13 @@ def hycom(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset
 
 
-def centimetres(dataset: xarray.Dataset) -> xarray.Dataset:
+def in_centimetres(dataset: xarray.Dataset) -> xarray.Dataset:
     for name in ("uo", "vo"):
         dataset[name] = (100.0 * dataset[name]).assign_attrs(dataset[name].attrs, units="cm/s")
     return dataset
 
 
-def upward(dataset: xarray.Dataset) -> xarray.Dataset:
+def with_heights(dataset: xarray.Dataset) -> xarray.Dataset:
     """Heights from the deepest level on."""
     attributes = {"units": "m", "positive": "up"}
     return dataset.assign_coords(depth=("depth", -dataset.depth.values, attributes)).isel(
@@ -152,7 +165,7 @@ def upward(dataset: xarray.Dataset) -> xarray.Dataset:
     )
 
 
-def other_times(dataset: xarray.Dataset) -> xarray.Dataset:
+def days_of_the_year(dataset: xarray.Dataset) -> xarray.Dataset:
     days = (dataset.time.values - 1.0) / 24.0 + 181.0
     units = {"units": "days since 2026-01-01", "calendar": "proleptic_gregorian"}
     return dataset.assign_coords(time=("time", days, units))
@@ -168,8 +181,10 @@ def other_times(dataset: xarray.Dataset) -> xarray.Dataset:
         "2026-06-30 22:59:60.0 UTC",
     ],
 )
-def test_dates_and_zones(tmp_path: Path, reference: str) -> None:
-    """The field grows by 0.01 m/s an hour from that date on, an hour before the mission."""
+def test_reference_dates_with_time_zones_are_understood(tmp_path: Path, reference: str) -> None:
+    """All are the same instant, an hour before the mission; from it on, the field grows by 0.01 m/s
+    an hour.
+    """
     dataset = model_output()
     dataset.time.attrs["units"] = f"hours since {reference}"
     file = write(dataset, tmp_path / "a.nc")
@@ -177,7 +192,9 @@ def test_dates_and_zones(tmp_path: Path, reference: str) -> None:
     assert actual[0, 1] == pytest.approx(-0.1 + 0.01 * (1.0 + 18.0 / 3600.0), abs=1e-9)
 
 
-@pytest.mark.parametrize("change", [hycom, centimetres, upward, other_times, lambda same: same])
+@pytest.mark.parametrize(
+    "change", [as_of_hycom, in_centimetres, with_heights, days_of_the_year, lambda same: same]
+)
 @pytest.mark.parametrize("engine", ["h5netcdf", "scipy"])
 def test_conventions_of_files_make_no_difference(
     tmp_path: Path, change: Callable[[xarray.Dataset], xarray.Dataset], engine: str
@@ -192,15 +209,15 @@ def test_conventions_of_files_make_no_difference(
     np.testing.assert_allclose(actual[:, :2], np.column_stack([u, v]), atol=1e-7)
 
 
-def test_packed_numbers_land_and_the_floor(tmp_path: Path) -> None:
+def test_packed_numbers_land_and_points_below_the_floor_are_read(tmp_path: Path) -> None:
     dataset = model_output()
     masked = dataset.uo.copy()
     masked[:, 2] = np.nan  # the floor lies above 30 m
     masked[:, :, :, 7:] = np.nan
     dataset["uo"] = masked
-    packed: Any = {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -32768}
+    encoding: Any = {"dtype": "i2", "scale_factor": 1e-4, "_FillValue": -32768}
     file = tmp_path / "packed.nc"
-    dataset.to_netcdf(file, engine="h5netcdf", encoding={"uo": packed})
+    dataset.to_netcdf(file, engine="h5netcdf", encoding={"uo": encoding})
     scenario = laisn_sim.load(scenario_file(file))
     ocean = ocean_of(SeaSettings.of(scenario))
     below = ocean.velocity(np.array([[0.0, 0.0, -30.0], [0.0, 0.0, -10.0]]), 0.0)
@@ -218,7 +235,8 @@ def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:
     file = write(model_output(), tmp_path / "a.nc")
     field = current_field(SeaSettings.of(laisn_sim.load(scenario_file(file))))
     assert field is not None
-    # of 4 times one behind the end, of 0.1° of longitude the routes and a kilometre about them
+    # of 4 times the two about the mission, of 0.1° of longitude the routes and a kilometre beside
+    # them
     times, depths, _, columns, _ = field.current.grid.velocity.shape
     assert (times, depths) == (2, 3)
     assert columns < 11
@@ -233,46 +251,50 @@ def test_a_uniform_field_moves_vehicles_as_the_keys_do(tmp_path: Path) -> None:
     dataset["uo"][:] = 0.3 - 0.004 * dataset.depth.values[:, None, None]
     dataset["vo"][:] = 0.0
     file = write(dataset, tmp_path / "shear.nc")
-    flown = laisn_sim.fly(scenario_file(file))
+    by_file = laisn_sim.fly(scenario_file(file))
     keys = {"current_speed_m_s": 0.3, "current_direction_deg": 90.0, "current_shear_per_s": 0.004}
-    other = laisn_sim.fly(
+    by_keys = laisn_sim.fly(
         "T5", {"duration_s": 20} | {f"ocean.{key}": value for key, value in keys.items()}
     )
-    np.testing.assert_allclose(flown.trajectory.pose, other.trajectory.pose, atol=1e-9)
+    np.testing.assert_allclose(by_file.trajectory.pose, by_keys.trajectory.pose, atol=1e-9)
     np.testing.assert_allclose(
-        flown.trajectory.water_velocity, other.trajectory.water_velocity, atol=1e-12
+        by_file.trajectory.water_velocity, by_keys.trajectory.water_velocity, atol=1e-12
     )
 
 
-def test_water_that_rises(tmp_path: Path) -> None:
+def test_an_upward_component_is_read_with_its_gradient(tmp_path: Path) -> None:
     """A third component, here along the map and the depth, with its gradient."""
     dataset = model_output()
     x, z = dataset.longitude.values - LONGITUDE, dataset.depth.values
-    up = 0.01 + 0.5 * x[None, None, None, :] - 0.001 * z[None, :, None, None]
+    upward_velocity = 0.01 + 0.5 * x[None, None, None, :] - 0.001 * z[None, :, None, None]
     shape = dataset.uo.shape
-    dataset["wo"] = (dataset.uo.dims, np.broadcast_to(up, shape).copy(), {"units": "m s-1"})
+    dataset["wo"] = (
+        dataset.uo.dims,
+        np.broadcast_to(upward_velocity, shape).copy(),
+        {"units": "m s-1"},
+    )
     environment = ocean_of(
         SeaSettings.of(laisn_sim.load(scenario_file(write(dataset, tmp_path / "a.nc"))))
     ).environment
-    place, motion = (200.0, -90.0, -15.0), (0.3, 0.2, 0.1)
-    water = flow(sea_at(environment, 3.0), place, motion, (1.0, 0.0, 0.0))
-    east = 0.5 / DEGREE_EAST
-    assert water.velocity[2] == pytest.approx(0.01 + 200.0 * east - 0.015, abs=1e-7)
-    assert water.gradient[2] == pytest.approx((east, 0.0, 0.001), abs=1e-9)
-    assert water.rate[2] == pytest.approx(0.3 * east + 0.1 * 0.001, abs=1e-9)
+    position, motion = (200.0, -90.0, -15.0), (0.3, 0.2, 0.1)
+    water = flow(sea_at(environment, 3.0), position, motion, (1.0, 0.0, 0.0))
+    gradient_east = 0.5 / DEGREE_EAST
+    assert water.velocity[2] == pytest.approx(0.01 + 200.0 * gradient_east - 0.015, abs=1e-7)
+    assert water.gradient[2] == pytest.approx((gradient_east, 0.0, 0.001), abs=1e-9)
+    assert water.rate[2] == pytest.approx(0.3 * gradient_east + 0.1 * 0.001, abs=1e-9)
 
 
 def test_campaigns_fly_in_the_field_where_it_lies(tmp_path: Path) -> None:
-    """They leave out the place on the map of a mission, which changes nothing without a field."""
+    """Campaigns leave the origin on the map out of a motion, except where it has a field."""
     file = write(
         model_output().assign_coords(latitude=lambda d: d.latitude + 5.0), tmp_path / "a.nc"
     )
     toml = scenario_file(file)
     toml.write_text(toml.read_text().replace(f"lat = {LATITUDE}", f"lat = {LATITUDE + 5.0}"))
     scenario = laisn_sim.load(toml)
-    flown = laisn_sim.fly(scenario).trajectory
+    trajectory = laisn_sim.fly(scenario).trajectory
     motion = MotionSettings.of(scenario)
-    np.testing.assert_array_equal(simulate_open_loop(motion).pose, flown.pose)
+    np.testing.assert_array_equal(simulate_open_loop(motion).pose, trajectory.pose)
     elsewhere = laisn_sim.load(toml, {"ocean.origin.longitude_deg": LONGITUDE + 0.01})
     assert key_of(MotionSettings.of(elsewhere)) != key_of(motion)
 
@@ -292,14 +314,14 @@ def test_a_flight_in_the_gyre_says_what_was_read_and_meets_it(tmp_path: Path) ->
     for vehicle in range(2):
         east, north, up = truth.position[:, vehicle].T
         u, v = gyre_velocity(east, north, truth.time)
-        fading = 1.0 + up / 80.0
-        expected = np.column_stack([fading * u, fading * v])
-        # 2.5 % at 25 m
+        depth_factor = 1.0 + up / 80.0
+        expected = np.column_stack([depth_factor * u, depth_factor * v])
+        # linear interpolation over 25 m: within 2.5 % of the scale of velocities
         assert np.abs(truth.water_velocity[:, vehicle, :2] - expected).max() < 0.025 * 0.2
     # the scenario that is saved beside it flies the same mission, from anywhere
-    again = laisn_sim.fly(out / "scenario.toml")
-    np.testing.assert_array_equal(again.trajectory.pose, truth.pose)
-    # of this content
+    flown_again = laisn_sim.fly(out / "scenario.toml")
+    np.testing.assert_array_equal(flown_again.trajectory.pose, truth.pose)
+    # a scenario that has been saved refuses a file of other content
     metres_field(tmp_path / "gyre.nc", 50.0, 10.0)
     with pytest.raises(LaisnError, match="its content is not that with which the scenario was"):
         laisn_sim.load(out / "scenario.toml")
@@ -325,7 +347,7 @@ def test_a_vehicle_that_leaves_a_field_ends_the_mission(tmp_path: Path) -> None:
     assert flight.trajectory.position[-2, :, 1].max() <= 50.0
 
 
-def _as_bytes(content: bytes) -> Callable[[Path], None]:
+def _with_content(content: bytes) -> Callable[[Path], None]:
     return lambda file: file.write_bytes(content) and None
 
 
@@ -333,7 +355,7 @@ def _changed(change: Callable[[xarray.Dataset], xarray.Dataset]) -> Callable[[Pa
     return lambda file: write(change(model_output()), file) and None
 
 
-def _with(name: str, **attributes: str) -> Callable[[Path], None]:
+def _with_attributes(name: str, **attributes: str) -> Callable[[Path], None]:
     def change(dataset: xarray.Dataset) -> xarray.Dataset:
         dataset[name].attrs.update(attributes)
         return dataset
@@ -363,39 +385,48 @@ def _elsewhere(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset.assign_coords(longitude=dataset.longitude + 40.0)
 
 
-def _dry(dataset: xarray.Dataset) -> xarray.Dataset:
+def _without_values(dataset: xarray.Dataset) -> xarray.Dataset:
     dataset["uo"][:] = np.nan
     return dataset
 
 
-def _fast(dataset: xarray.Dataset) -> xarray.Dataset:
+def _of_7_m_s(dataset: xarray.Dataset) -> xarray.Dataset:
     dataset["uo"][:] = 7.0
     return dataset
 
 
-def _twice(dataset: xarray.Dataset) -> xarray.Dataset:
+def _with_a_depth_twice(dataset: xarray.Dataset) -> xarray.Dataset:
     depth = ("depth", [0.0, 5.0, 5.0], {"units": "m"})
     return dataset.assign_coords(depth=depth)
 
 
 MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
     "missing": (lambda file: None, "cannot be read: No such file"),
-    "text": (_as_bytes(b"u v\n1 2\n"), "it is no NetCDF file"),
+    "text": (_with_content(b"u v\n1 2\n"), "it is no NetCDF file"),
     "truncated": (_truncated, "it cannot be opened as NetCDF"),
     "one component": (_changed(lambda d: d.drop_vars("vo")), "it has no northward velocity"),
-    "unit of velocity": (_with("uo", units="knots"), "uo has units 'knots'; expected m s-1"),
-    "unit of depth": (_with("depth", units="dbar"), "depth has units 'dbar'; expected metres"),
-    "unit of place": (_with("longitude", units="radian"), "expected degrees or metres"),
-    "no date": (_with("time", units="hours since the flood"), "is no date such as"),
-    "unit of time": (_with("time", units="fortnights"), "time has units 'fortnights'"),
-    "calendar": (_with("time", calendar="360_day"), "time has the calendar '360_day'"),
-    "other days": (_with("time", units="hours since 2020-01-01"), "which lasts from 0 to 20 s"),
+    "unit of velocity": (
+        _with_attributes("uo", units="knots"),
+        "uo has units 'knots'; expected m s-1",
+    ),
+    "unit of depth": (
+        _with_attributes("depth", units="dbar"),
+        "depth has units 'dbar'; expected metres",
+    ),
+    "unit of place": (_with_attributes("longitude", units="radian"), "expected degrees or metres"),
+    "no date": (_with_attributes("time", units="hours since the flood"), "is no date such as"),
+    "unit of time": (_with_attributes("time", units="fortnights"), "time has units 'fortnights'"),
+    "calendar": (_with_attributes("time", calendar="360_day"), "time has the calendar '360_day'"),
+    "other days": (
+        _with_attributes("time", units="hours since 2020-01-01"),
+        "which lasts from 0 to 20 s",
+    ),
     "roms": (_changed(_roms), "s-coordinates (ROMS)"),
     "curvilinear": (_changed(_curvilinear), "its dimension 'y' has no coordinate"),
     "elsewhere": (_changed(_elsewhere), "and none of the mission; set ocean.origin"),
-    "dry": (_changed(_dry), "uo has no values about the mission"),
-    "fast": (_changed(_fast), "leader meets 7 m/s at 0 s"),
-    "twice": (_changed(_twice), "depth has the same value twice"),
+    "dry": (_changed(_without_values), "uo has no values about the mission"),
+    "fast": (_changed(_of_7_m_s), "leader meets 7 m/s at 0 s"),
+    "twice": (_changed(_with_a_depth_twice), "depth has the same value twice"),
     "small": (
         _changed(lambda d: d.isel(longitude=slice(5, 7))),
         "leaves it at",
@@ -404,27 +435,27 @@ MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 @pytest.mark.parametrize("name", MALFORMED)
-def test_a_malformed_file_is_refused_in_a_sentence(tmp_path: Path, name: str) -> None:
-    make, expected = MALFORMED[name]
+def test_a_malformed_file_is_refused_with_its_fault(tmp_path: Path, name: str) -> None:
+    write_file, expected = MALFORMED[name]
     file = tmp_path / "field.nc"
-    make(file)
+    write_file(file)
     toml = scenario_file(file)
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
     assert expected in result.output
     assert "ocean.current" in result.output
     assert "1 error" in result.output
-    # a plan and not the file is wrong where it leads out of the field, or too fast a current
+    # leaving the field, or meeting too fast a current, is a fault of the plan and not of the file
     assert ("field.nc: " in result.output) == (name not in ("fast", "small"))
 
 
-def test_a_variable_by_its_standard_name_alone(tmp_path: Path) -> None:
+def test_variables_are_recognised_by_their_standard_names_alone(tmp_path: Path) -> None:
     file = write(model_output().rename(uo="a", vo="b"), tmp_path / "a.nc")
     actual = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 0.0)
     assert actual[0] == pytest.approx([0.099, -0.09, 0.0], abs=1e-6)
 
 
-def test_contradictions_of_keys(tmp_path: Path) -> None:
+def test_keys_that_contradict_one_another_are_refused(tmp_path: Path) -> None:
     toml = scenario_file(write(model_output(), tmp_path / "a.nc"))
     refused = {
         "ocean.current_speed_m_s=0.1": "the table `current` replaces current_speed_m_s",
@@ -482,7 +513,7 @@ def test_a_field_of_gigabytes_is_read_as_far_as_it_is_needed(tmp_path: Path) -> 
 def test_the_page_of_a_flight_shows_the_current_along_the_tracks(tmp_path: Path) -> None:
     file = metres_field(tmp_path / "gyre.nc", 25.0, 10.0)
     flight = laisn_sim.fly(scenario_file(file, 60.0))
-    speed, towards = flight_figures.current(flight, [0, 1]).parts
+    speed, direction = flight_figures.current(flight, [0, 1]).parts
     truth = flight.trajectory
     for line, vehicle in zip((speed.lines[1], speed.lines[0]), (0, 1), strict=True):
         east, north, up = truth.position[:, vehicle].T
@@ -493,7 +524,7 @@ def test_the_page_of_a_flight_shows_the_current_along_the_tracks(tmp_path: Path)
         assert line.name == truth.names[vehicle]
     east, north, _ = truth.position[0, 0]
     u, v = gyre_velocity(east, north, 0.0)
-    assert towards.lines[1].y[0] == pytest.approx(np.rad2deg(np.arctan2(u, v)) % 360.0, abs=3.0)
+    assert direction.lines[1].y[0] == pytest.approx(np.rad2deg(np.arctan2(u, v)) % 360.0, abs=3.0)
     arrows = flight_figures.track_map(flight, [0]).parts[0].lines[-1]
     assert arrows.name == "current"
     page = flight.report(tmp_path / "gyre.html").read_text(encoding="utf-8")

@@ -19,17 +19,17 @@ BOTTOM = PathInWater(PROFILE, FLOOR_M, 0, 1)
 
 
 def _crossing_time(upper: float, lower: float) -> float:
-    """Time of sound straight down [s]."""
-    inner = [float(depth) for depth in (8.0, 20.0, 60.0) if upper < depth < lower]
-    ends = [upper, *inner, lower]
+    """Time of sound straight down, by quadrature between the points of the profile [s]."""
+    knots = [float(depth) for depth in (8.0, 20.0, 60.0) if upper < depth < lower]
+    limits = [upper, *knots, lower]
     return sum(
         quad(lambda z: 1.0 / speed_and_gradient(PROFILE, z, 0)[0], a, b, epsabs=1e-14)[0]
-        for a, b in itertools.pairwise(ends)
+        for a, b in itertools.pairwise(limits)
     )
 
 
 @pytest.mark.parametrize(
-    ("water", "legs"),
+    ("water", "depth_intervals"),
     [
         (DIRECT, [(12.0, 31.0)]),
         (SURFACE, [(0.0, 12.0), (0.0, 31.0)]),
@@ -37,19 +37,20 @@ def _crossing_time(upper: float, lower: float) -> float:
     ],
 )
 def test_mean_slowness_is_that_of_the_depths_that_a_path_crosses(
-    water: PathInWater, legs: list[tuple[float, float]]
+    water: PathInWater, depth_intervals: list[tuple[float, float]]
 ) -> None:
-    way = sum(lower - upper for upper, lower in legs)
-    expected = sum(_crossing_time(*leg) for leg in legs) / way
-    for ends in ((12.0, 31.0), (31.0, 12.0)):
-        assert straight_slowness(water, *ends) == pytest.approx(expected, rel=1e-9)
-        assert abs(drop(water, *ends)) == pytest.approx(way)
+    vertical_distance = sum(lower - upper for upper, lower in depth_intervals)
+    expected = sum(_crossing_time(*interval) for interval in depth_intervals) / vertical_distance
+    for end_depths in ((12.0, 31.0), (31.0, 12.0)):
+        assert straight_slowness(water, *end_depths) == pytest.approx(expected, rel=1e-9)
+        assert abs(drop(water, *end_depths)) == pytest.approx(vertical_distance)
 
 
 @pytest.mark.parametrize(("water", "depth"), [(SURFACE, 0.0), (BOTTOM, FLOOR_M)])
-def test_between_places_where_a_path_turns_it_is_that_of_their_depth(
+def test_at_the_depth_of_a_reflection_mean_slowness_is_that_of_the_depth(
     water: PathInWater, depth: float
 ) -> None:
+    """Where both ends lie on the surface or the floor, the path crosses no depths."""
     expected = 1.0 / float(speed_and_gradient(PROFILE, depth, 0)[0])
     assert straight_slowness(water, depth, depth) == expected
     assert np.isfinite(expected)

@@ -33,11 +33,11 @@ file = "floor.nc"
 [[followers]]
 route = "T5"
 """
-# sinks with all its fins
-SINKS = "[leader]\nexcess_buoyancy_n = -100.0\ncg_offset_x_m = 0.2\n"
+# too heavy for its fins and thrusters to hold its depth
+SINKING_LEADER = "[leader]\nexcess_buoyancy_n = -100.0\ncg_offset_x_m = 0.2\n"
 
 
-def sloping(east: Floats | float, north: Floats | float) -> Floats:
+def slope_depth(east: Floats | float, north: Floats | float) -> Floats:
     return np.asarray(15.0 + 0.02 * np.asarray(east) - 0.01 * np.asarray(north))
 
 
@@ -51,7 +51,7 @@ def metres_floor(depth: Floats, east: Floats, north: Floats) -> xarray.Dataset:
 def slope() -> xarray.Dataset:
     axis = np.arange(-1200.0, 1200.1, 100.0)
     y, x = np.meshgrid(axis, axis, indexing="ij")
-    return metres_floor(np.maximum(sloping(x, y), 0.5), axis, axis)
+    return metres_floor(np.maximum(slope_depth(x, y), 0.5), axis, axis)
 
 
 def gebco() -> xarray.Dataset:
@@ -59,7 +59,7 @@ def gebco() -> xarray.Dataset:
     latitude = LATITUDE + np.linspace(0.02, -0.02, 41)
     longitude = LONGITUDE + np.linspace(-0.03, 0.03, 61)
     y, x = np.meshgrid(latitude, longitude, indexing="ij")
-    depth = sloping((x - LONGITUDE) * DEGREE_EAST, (y - LATITUDE) * DEGREE_NORTH)
+    depth = slope_depth((x - LONGITUDE) * DEGREE_EAST, (y - LATITUDE) * DEGREE_NORTH)
     standard = {"standard_name": "height_above_reference_ellipsoid", "units": "m"}
     return xarray.Dataset(
         {"elevation": (("lat", "lon"), -np.maximum(depth, 0.5), standard)},
@@ -70,27 +70,31 @@ def gebco() -> xarray.Dataset:
     )
 
 
-def scenario(folder: Path, dataset: xarray.Dataset, duration: float = 20.0, more: str = "") -> Path:
+def scenario(
+    folder: Path, dataset: xarray.Dataset, duration: float = 20.0, more_toml: str = ""
+) -> Path:
     write(dataset, folder / "floor.nc")
     toml = folder / "mission.toml"
-    toml.write_text(SCENARIO.format(duration=duration) + more)
+    toml.write_text(SCENARIO.format(duration=duration) + more_toml)
     return toml
 
 
 @pytest.mark.parametrize("dataset", [slope(), gebco()], ids=["metres", "GEBCO"])
-def test_a_slope_is_met_as_it_is(tmp_path: Path, dataset: xarray.Dataset) -> None:
+def test_depths_of_a_sloping_floor_are_those_of_the_file(
+    tmp_path: Path, dataset: xarray.Dataset
+) -> None:
     toml = scenario(tmp_path, dataset)
     floor = floor_of(SeaSettings.of(laisn_sim.load(toml)))
-    places = np.random.default_rng(1).uniform(-300.0, 300.0, (50, 2))
-    np.testing.assert_allclose(floor.depths_at(*places.T), sloping(*places.T), atol=1e-4)
-    assert floor.depth_at(*places[0]) == floor.depths_at(*places[0])
+    points = np.random.default_rng(1).uniform(-300.0, 300.0, (50, 2))
+    np.testing.assert_allclose(floor.depths_at(*points.T), slope_depth(*points.T), atol=1e-4)
+    assert floor.depth_at(*points[0]) == floor.depths_at(*points[0])
     result = CliRunner().invoke(app, ["check", str(toml)])
     assert "ocean.floor: floor.nc: " in result.stdout
 
 
 @pytest.mark.system
 def test_a_vehicle_grounds_on_the_slope(tmp_path: Path) -> None:
-    toml = scenario(tmp_path, slope(), 300.0, SINKS)
+    toml = scenario(tmp_path, slope(), 300.0, SINKING_LEADER)
     arguments = ["fly", str(toml), "--no-video", "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == MISSION_FAILED, result.output
@@ -98,39 +102,41 @@ def test_a_vehicle_grounds_on_the_slope(tmp_path: Path) -> None:
     flight = laisn_sim.read_log(tmp_path / "out" / "flight.mcap")
     assert flight.outcome is Termination.GROUNDED
     east, north, up = flight.trajectory.position[:, 0].T
-    clear = sloping(east, north) + up
-    assert clear[-1] < 0.0
-    assert (clear[:-1] >= 0.0).all()
+    height_above_floor = slope_depth(east, north) + up
+    assert height_above_floor[-1] < 0.0
+    assert (height_above_floor[:-1] >= 0.0).all()
 
 
 def test_a_level_floor_of_a_file_is_that_of_the_key(tmp_path: Path) -> None:
     axis = np.array([-2000.0, 2000.0])
-    more = "[acoustics]\nbottom_echo_probability = 0.5\ntravel_time = true\n"
-    flown = laisn_sim.fly(
-        scenario(tmp_path, metres_floor(np.full((2, 2), 25.0), axis, axis), 20.0, more)
+    acoustics = "[acoustics]\nbottom_echo_probability = 0.5\ntravel_time = true\n"
+    by_file = laisn_sim.fly(
+        scenario(tmp_path, metres_floor(np.full((2, 2), 25.0), axis, axis), 20.0, acoustics)
     )
     keys = {"ocean.floor_depth_m": 25.0, "acoustics.travel_time": True}
-    other = laisn_sim.fly("T5", {"duration_s": 20, "acoustics.bottom_echo_probability": 0.5} | keys)
-    np.testing.assert_array_equal(flown.trajectory.pose, other.trajectory.pose)
+    by_key = laisn_sim.fly(
+        "T5", {"duration_s": 20, "acoustics.bottom_echo_probability": 0.5} | keys
+    )
+    np.testing.assert_array_equal(by_file.trajectory.pose, by_key.trajectory.pose)
     np.testing.assert_allclose(
-        flown.measurements[0].ranges, other.measurements[0].ranges, atol=1e-9
+        by_file.measurements[0].ranges, by_key.measurements[0].ranges, atol=1e-9
     )
 
 
 def test_echoes_come_from_where_the_floor_reflects_them(tmp_path: Path) -> None:
-    """Where equal angles, at a floor that is taken for level there, meet the slope."""
+    """The point of reflection has equal angles to a floor that is taken for level there."""
     rays = rays_of(SoundSettings.of(laisn_sim.load(scenario(tmp_path, slope()))))
     source, receiver = np.array([10.0, -40.0, -3.0]), np.array([150.0, 60.0, -9.0])
 
-    def excess(share: float) -> float:
-        depth = float(sloping(*(source + share * (receiver - source))[:2]))
-        first, second = depth + source[2], depth + receiver[2]
-        return share * (first + second) - first
+    def angle_mismatch(fraction: float) -> float:
+        depth = float(slope_depth(*(source + fraction * (receiver - source))[:2]))
+        source_height, receiver_height = depth + source[2], depth + receiver[2]
+        return fraction * (source_height + receiver_height) - source_height
 
-    place = source + brentq(excess, 0.0, 1.0) * (receiver - source)
-    depth = float(sloping(*place[:2]))
-    turn = np.array([place[0], place[1], -depth])
-    expected = np.linalg.norm(turn - source) + np.linalg.norm(receiver - turn)
+    straight_point = source + brentq(angle_mismatch, 0.0, 1.0) * (receiver - source)
+    depth = float(slope_depth(*straight_point[:2]))
+    reflection = np.array([straight_point[0], straight_point[1], -depth])
+    expected = np.linalg.norm(reflection - source) + np.linalg.norm(receiver - reflection)
     ray = rays.ray(2, tuple(source), tuple(receiver))
     assert ray.length == pytest.approx(expected, abs=1e-4)
     assert ray.time == pytest.approx(expected / 1500.0, abs=1e-7)
@@ -150,8 +156,10 @@ def test_a_plan_into_the_floor_is_refused(tmp_path: Path) -> None:
 def test_beacons_lie_above_the_floor_of_a_file(tmp_path: Path, depth: float, below: bool) -> None:
     """The key `floor_depth_m`, by default 30 m, says nothing of a floor from a file."""
     axis = np.array([-2000.0, 2000.0])
-    more = f'[[links]]\nname = "lbl"\nbeacons_m = [[100.0, 50.0, {depth}]]\n'
-    toml = scenario(tmp_path, metres_floor(np.full((2, 2), 40.0), axis, axis), more=more)
+    beacon_link = f'[[links]]\nname = "lbl"\nbeacons_m = [[100.0, 50.0, {depth}]]\n'
+    toml = scenario(
+        tmp_path, metres_floor(np.full((2, 2), 40.0), axis, axis), more_toml=beacon_link
+    )
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert result.exit_code == (2 if below else 0), result.output
     assert ("below the floor of ocean.floor.file, which lies at 40 m" in result.output) == below
@@ -163,8 +171,10 @@ def test_beyond_what_was_read_of_a_floor_beacons_lie_above_that_of_its_edge(
 ) -> None:
     """As sound has it there: 40 m in the west, 60 m in the east."""
     axis = np.array([-200.0, 200.0])
-    more = f'[[links]]\nname = "lbl"\nbeacons_m = [[900.0, 50.0, {depth}]]\n'
-    toml = scenario(tmp_path, metres_floor(np.array([[40.0, 60.0]] * 2), axis, axis), more=more)
+    beacon_link = f'[[links]]\nname = "lbl"\nbeacons_m = [[900.0, 50.0, {depth}]]\n'
+    toml = scenario(
+        tmp_path, metres_floor(np.array([[40.0, 60.0]] * 2), axis, axis), more_toml=beacon_link
+    )
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert result.exit_code == (2 if below else 0), result.output
     assert (
@@ -184,7 +194,7 @@ def test_beyond_what_was_read_of_a_floor_beacons_lie_above_that_of_its_edge(
         (lambda d: d.assign_coords(x=d.x + 9e4), "and none of the mission"),
     ],
 )
-def test_other_floors_are_refused(tmp_path: Path, change, expected: str) -> None:  # type: ignore[no-untyped-def]
+def test_unusable_floors_are_refused_with_the_reason(tmp_path: Path, change, expected: str) -> None:  # type: ignore[no-untyped-def]
     toml = scenario(tmp_path, change(slope()))
     result = CliRunner().invoke(app, ["check", str(toml)], env={"COLUMNS": "300"})
     assert result.exit_code == 2, result.output
@@ -198,18 +208,18 @@ def hills() -> xarray.Dataset:
     return metres_floor(60.0 + 10.0 * np.sin(x / 150.0) - 8.0 * np.cos(y / 120.0), axis, axis)
 
 
-def over_hills(folder: Path) -> FlightRecord:
+def flight_over_hills(folder: Path) -> FlightRecord:
     return laisn_sim.fly(scenario(folder, hills()), {"motion": "kinematic"})
 
 
 def test_the_page_in_3d_holds_the_floor_as_read(tmp_path: Path) -> None:
-    flight = over_hills(tmp_path)
+    flight = flight_over_hills(tmp_path)
     scene = scene_of_flight(flight)
-    bed = scene.meta["seabed"]
+    seabed = scene.meta["seabed"]
     heights = arrays_of(scene)["seabed"]
-    n = bed["points"]
-    east = np.linspace(bed["west"], bed["east"], n)
-    north = np.linspace(bed["south"], bed["north"], n)
+    n = seabed["points"]
+    east = np.linspace(seabed["west"], seabed["east"], n)
+    north = np.linspace(seabed["south"], seabed["north"], n)
     assert east[0] < flight.trajectory.position[..., 0].min() - 100.0
     assert north[-1] > flight.trajectory.position[..., 1].max() + 100.0
     for row, column in ((0, 0), (10, 40), (n - 1, 3)):
@@ -220,7 +230,7 @@ def test_the_page_in_3d_holds_the_floor_as_read(tmp_path: Path) -> None:
 
 
 def test_the_film_shows_the_floor_as_read(tmp_path: Path) -> None:
-    flight = over_hills(tmp_path)
+    flight = flight_over_hills(tmp_path)
     floor = floor_of(SeaSettings.of(flight.scenario))
     assert isinstance(floor, GriddedFloor)
     model = build(flight, 64, 48)
@@ -235,15 +245,16 @@ def test_the_film_shows_the_floor_as_read(tmp_path: Path) -> None:
         geom = np.zeros(1, np.int32)
         start = np.array([east + 1e-3, north + 1e-3, -30.0])
         down = np.array([0.0, 0.0, -1.0])
-        way = mujoco.mj_ray(model, data, start, down, None, 1, -1, geom)
+        ray_length = mujoco.mj_ray(model, data, start, down, None, 1, -1, geom)
         assert geom[0] == model.geom("seabed").id
-        assert 30.0 + way == pytest.approx(floor.depth_at(east, north), abs=0.05)
+        assert 30.0 + ray_length == pytest.approx(floor.depth_at(east, north), abs=0.05)
 
 
-def test_a_camera_keeps_above_a_hill(tmp_path: Path) -> None:
-    flight = over_hills(tmp_path)
+def test_a_camera_stays_within_3_m_above_the_floor(tmp_path: Path) -> None:
+    """Also where it is put far below the floor, at a valley and at a hilltop."""
+    flight = flight_over_hills(tmp_path)
     rig = CameraRig(FilmData(flight, 20.0), 16 / 9)
-    for place in ((235.0, 377.0), (-235.0, 0.0)):
-        position = rig._in_water(np.array([*place, -200.0]))
-        depth = floor_of(SeaSettings.of(flight.scenario)).depth_at(*place)
+    for point in ((235.0, 377.0), (-235.0, 0.0)):
+        position = rig._in_water(np.array([*point, -200.0]))
+        depth = floor_of(SeaSettings.of(flight.scenario)).depth_at(*point)
         assert -depth < position[2] < -depth + 3.0

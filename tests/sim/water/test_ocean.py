@@ -23,20 +23,20 @@ CHANGE = np.array([[0.0, 0.1, -0.2], [40.0, 0.5, 0.3], [90.0, -0.2, 0.4]])
 """A current that changes: time [s], east and north [m/s]."""
 
 
-def changing(t: float) -> Floats:
+def changing_current(t: float) -> Floats:
     """Velocity of that current [m/s]."""
     return np.array([np.interp(t, CHANGE[:, 0], CHANGE[:, i]) for i in (1, 2)])
 
 
-def way(t: float) -> Floats:
+def carried_displacement(t: float) -> Floats:
     """Integral of that velocity from 0 to t [m]."""
     knots = np.array([*CHANGE[CHANGE[:, 0] < t, 0], t])
-    velocity = np.array([changing(knot) for knot in knots])
+    velocity = np.array([changing_current(knot) for knot in knots])
     return np.asarray(np.trapezoid(velocity, knots, axis=0))
 
 
-def sea(seed: int = 1, depth: float = 12.0, change: Floats = CHANGE[:0]) -> Ocean:
-    """A short-crested sea in shallow water on a shearing current: nothing cancels."""
+def shearing_sea(seed: int = 1, depth: float = 12.0, change: Floats = CHANGE[:0]) -> Ocean:
+    """A short-crested sea in shallow water on a shearing current, so that no term is zero."""
     waves = Waves.jonswap(
         np.random.default_rng(seed),
         significant_height_m=0.6,
@@ -56,38 +56,44 @@ def sea(seed: int = 1, depth: float = 12.0, change: Floats = CHANGE[:0]) -> Ocea
     )
 
 
-def textbook_velocity(ocean: Ocean, p: Floats, t: float) -> Floats:
+def textbook_velocity(ocean: Ocean, position: Floats, t: float) -> Floats:
     """Finite-depth Airy waves on a current, component by component (Faltinsen 1990)."""
-    c, w, h = ocean, ocean.waves, ocean.floor_depth_m
-    towards = np.array([np.sin(c.current_direction_rad), np.cos(c.current_direction_rad)])
-    surface = c.current_speed_m_s * towards
-    u = np.array([*(c.current_speed_m_s + c.current_shear_1_s * p[2]) * towards, 0.0])
-    run = surface * t
-    if c.added_current.size:
-        u[:2] += changing(t)
-        run = run + way(t)
-    z = min(p[2], 0.0)  # above the still surface nothing of the waves changes with height
-    parts = zip(w.amplitude_m, w.wavenumber_1_m, w.omega_rad_s, w.phase_rad, strict=True)
-    for a, k2, omega, phase in parts:
-        k = np.hypot(*k2)
-        theta = k2 @ (p[:2] - run) - omega * t + phase
-        across = a * omega * np.cosh(k * (z + h)) / np.sinh(k * h) * np.cos(theta)
-        up = a * omega * np.sinh(k * (z + h)) / np.sinh(k * h) * np.sin(theta)
-        u += [*(across * k2 / k), up]
+    current, waves, depth = ocean, ocean.waves, ocean.floor_depth_m
+    towards = np.array(
+        [np.sin(current.current_direction_rad), np.cos(current.current_direction_rad)]
+    )
+    surface = current.current_speed_m_s * towards
+    u = np.array(
+        [*(current.current_speed_m_s + current.current_shear_1_s * position[2]) * towards, 0.0]
+    )
+    drift = surface * t
+    if current.added_current.size:
+        u[:2] += changing_current(t)
+        drift = drift + carried_displacement(t)
+    z = min(position[2], 0.0)  # above the still surface nothing of the waves changes with height
+    components = zip(
+        waves.amplitude_m, waves.wavenumber_1_m, waves.omega_rad_s, waves.phase_rad, strict=True
+    )
+    for a, wave_vector, omega, phase in components:
+        k = np.hypot(*wave_vector)
+        theta = wave_vector @ (position[:2] - drift) - omega * t + phase
+        horizontal = a * omega * np.cosh(k * (z + depth)) / np.sinh(k * depth) * np.cos(theta)
+        vertical = a * omega * np.sinh(k * (z + depth)) / np.sinh(k * depth) * np.sin(theta)
+        u += [*(horizontal * wave_vector / k), vertical]
     return u
 
 
 def elevation(ocean: Ocean, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
     """Height of the surface above z = 0; x and y broadcast [m]."""
-    now = sea_at(ocean.environment, time)
-    return np.asarray(np.vectorize(lambda *place: elevation_at(now, *map(float, place)))(x, y))
+    instant = sea_at(ocean.environment, time)
+    return np.asarray(np.vectorize(lambda *point: elevation_at(instant, *map(float, point)))(x, y))
 
 
 def acceleration_of(ocean: Ocean, point: Floats, time: float) -> Floats:
     """Acceleration of a particle, which is its change of velocity along its own path [m/s²]."""
     velocity = tuple(ocean.velocity(point[None], time)[0])
-    now = sea_at(ocean.environment, time)
-    return np.array(flow(now, tuple(point.tolist()), velocity, (1.0, 0.0, 0.0)).rate)
+    instant = sea_at(ocean.environment, time)
+    return np.array(flow(instant, tuple(point.tolist()), velocity, (1.0, 0.0, 0.0)).rate)
 
 
 @given(period=st.floats(0.5, 60), depth=st.floats(0.5, 5000))
@@ -99,7 +105,7 @@ def test_wavenumber_solves_the_dispersion_relation(period: float, depth: float) 
 
 @pytest.mark.parametrize("change", [CHANGE[:0], CHANGE])
 def test_velocity_is_the_textbooks(change: Floats) -> None:
-    ocean = sea(change=change)
+    ocean = shearing_sea(change=change)
     points = np.random.default_rng(0).uniform([-50, -50, -12], [50, 50, 0], (20, 3))
     for t in (0.0, 3.7, 40.0, 71.0, 812.0):
         expected = [textbook_velocity(ocean, p, t) for p in points]
@@ -112,7 +118,7 @@ def test_flow_derivatives_are_those_of_the_velocity(
     heights: tuple[float, float], change: Floats
 ) -> None:
     """Below the still surface and above it, where the waves' velocity is held."""
-    ocean = sea(change=change)
+    ocean = shearing_sea(change=change)
     rng = np.random.default_rng(2)
     h = 1e-4
     for _ in range(10):
@@ -139,13 +145,13 @@ def test_flow_derivatives_are_those_of_the_velocity(
             assert abs(np.trace(gradient)) < 1e-12
 
 
-def test_a_linear_ramp_of_the_current() -> None:
-    """0.4 m/s more in 200 s: velocity, acceleration and way as of uniform acceleration, at every
-    depth.
+def test_a_linear_ramp_of_the_current_is_uniform_acceleration() -> None:
+    """0.4 m/s more in 200 s: velocity, acceleration and displacement are those of uniform
+    acceleration, at every depth.
     """
     ocean = Ocean(added_current=np.array([[0.0, 0.1, 0.0], [200.0, 0.5, 0.0]]))
     points = np.array([[3.0, 4.0, -2.0], [9.0, -9.0, -20.0]])
-    for t, speed, acceleration, run in (
+    for t, speed, acceleration, displacement in (
         (0.0, 0.1, 0.002, 0.0),
         (50.0, 0.2, 0.002, 7.5),
         (300.0, 0.5, 0.0, 110.0),
@@ -157,24 +163,26 @@ def test_a_linear_ramp_of_the_current() -> None:
             atol=1e-15,
         )
         assert ocean.environment.current.at_time(t).drift.displacement == pytest.approx(
-            (run, 0.0), abs=1e-12
+            (displacement, 0.0), abs=1e-12
         )
 
 
 def test_elevation_is_carried_along_with_a_changing_current() -> None:
-    still, moved = sea(), sea(change=CHANGE)
-    run = way(71.0)
-    assert moved.environment.current.at_time(71.0).drift.displacement == pytest.approx(
-        tuple(run), rel=1e-12
+    still, carried = shearing_sea(), shearing_sea(change=CHANGE)
+    displacement = carried_displacement(71.0)
+    assert carried.environment.current.at_time(71.0).drift.displacement == pytest.approx(
+        tuple(displacement), rel=1e-12
     )
     x, y = np.array([0.0, 7.0, -30.0]), np.array([5.0, 5.0, 2.0])
     np.testing.assert_allclose(
-        elevation(moved, x + run[0], y + run[1], 71.0), elevation(still, x, y, 71.0), atol=1e-12
+        elevation(carried, x + displacement[0], y + displacement[1], 71.0),
+        elevation(still, x, y, 71.0),
+        atol=1e-12,
     )
 
 
 def test_no_water_passes_the_floor() -> None:
-    ocean = sea()
+    ocean = shearing_sea()
     points = np.column_stack(
         [np.random.default_rng(3).uniform(-50, 50, (20, 2)), np.full(20, -ocean.floor_depth_m)]
     )
@@ -183,8 +191,8 @@ def test_no_water_passes_the_floor() -> None:
 
 @pytest.mark.parametrize("z", [0.0, -0.5, -20.0, -180.0, -400.0, -4000.0])
 def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> None:
-    """a ω exp(kz) at waves of 1.6 m over 4 km: exponents reach far beyond what a double can
-    hold.
+    """The speed is a ω exp(kz); with waves 1.6 m long over 4 km of water, the hyperbolic functions
+    of finite depth would overflow.
     """
     ocean = Ocean(
         floor_depth_m=4000.0,
@@ -192,19 +200,19 @@ def test_in_deep_water_orbits_are_circles_that_shrink_with_depth(z: float) -> No
     )
     omega, t = 2 * np.pi, 0.4
     k = omega**2 / G
-    radius = 0.025 * omega * np.exp(k * z)
+    speed = 0.025 * omega * np.exp(k * z)
     theta = k * 2.0 - omega * t + 0.3
-    expected = radius * np.array([0.0, np.cos(theta), np.sin(theta)])
+    expected = speed * np.array([0.0, np.cos(theta), np.sin(theta)])
     np.testing.assert_allclose(
         ocean.velocity(np.array([[5.0, 2.0, z]]), t)[0], expected, rtol=1e-9, atol=1e-290
     )
-    parts = flow(sea_at(ocean.environment, t), (5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8))
-    np.testing.assert_allclose(parts[0], expected, rtol=1e-9, atol=1e-290)
-    assert all(np.isfinite(part).all() for part in parts)
+    flow_terms = flow(sea_at(ocean.environment, t), (5.0, 2.0, z), (0.1, 0.2, 0.3), (0.0, 0.6, 0.8))
+    np.testing.assert_allclose(flow_terms[0], expected, rtol=1e-9, atol=1e-290)
+    assert all(np.isfinite(term).all() for term in flow_terms)
 
 
 @pytest.mark.parametrize("z", [-4.0, 0.2])
-def test_squeeze_is_the_gradient_of_the_linear_acceleration(z: float) -> None:
+def test_axis_acceleration_gradient_is_that_of_the_linear_acceleration(z: float) -> None:
     """In small waves without current, particles accelerate by ∂u/∂t alone."""
     waves = Waves.regular(
         height_m=0.1, period_s=4.0, direction_rad=1.2, phase_rad=0.4, floor_depth_m=12.0
@@ -225,7 +233,7 @@ def test_squeeze_is_the_gradient_of_the_linear_acceleration(z: float) -> None:
 
 @pytest.mark.parametrize("z", [-3.0, 0.3])
 def test_acceleration_is_the_particles_own(z: float) -> None:
-    ocean = sea()
+    ocean = shearing_sea()
     p, t, h = np.array([4.0, -7.0, z]), 11.0, 1e-4
     u = textbook_velocity(ocean, p, t)
     expected = (
@@ -236,7 +244,7 @@ def test_acceleration_is_the_particles_own(z: float) -> None:
 
 def test_surface_moves_with_its_particles() -> None:
     """Kinematic condition at z = 0: ∂η/∂t + U·∇η = w."""
-    ocean = sea()
+    ocean = shearing_sea()
     h, t, x, y = 1e-4, 5.0, 3.0, 4.0
     time_rate = (elevation(ocean, x, y, t + h) - elevation(ocean, x, y, t - h)) / (2 * h)
     slope_x = (elevation(ocean, x + h, y, t) - elevation(ocean, x - h, y, t)) / (2 * h)
@@ -266,10 +274,10 @@ def test_the_velocity_alone_is_that_of_the_flow(height: float) -> None:
         added_current=np.array([[0.0, 0.0, 0.0], [10.0, 0.2, -0.1]]),
         waves=waves,
     )
-    sea = sea_at(ocean.environment, 7.0)
+    instant = sea_at(ocean.environment, 7.0)
     for z in (-8.0, 0.3, -90.0):
-        whole = flow(sea, (3.0, -20.0, z), (1.0, 0.5, -0.2), (0.6, 0.8, 0.0))
-        assert velocity_of_water(sea, (3.0, -20.0, z)) == whole.velocity
+        whole_flow = flow(instant, (3.0, -20.0, z), (1.0, 0.5, -0.2), (0.6, 0.8, 0.0))
+        assert velocity_of_water(instant, (3.0, -20.0, z)) == whole_flow.velocity
 
 
 @pytest.mark.parametrize(("depth", "speed"), [(0.0, 0.8), (10.0, 0.6), (40.0, 0.0)])
@@ -284,7 +292,7 @@ def test_current_shears_with_depth(depth: float, speed: float) -> None:
     )
 
 
-def test_calm_water_rests() -> None:
+def test_water_without_current_and_waves_rests() -> None:
     points = np.array([[0.0, 0.0, -3.0], [9.0, 9.0, -30.0]])
     np.testing.assert_array_equal(Ocean().velocity(points, 7.0), 0.0)
     np.testing.assert_array_equal(elevation(Ocean(), np.zeros((2, 3)), 0.0, 1.0), np.zeros((2, 3)))
@@ -326,7 +334,9 @@ def test_energy_of_the_sea_is_jonswaps_up_to_any_frequency(n: int, gamma: float)
         points=[2 * np.pi / period],
         limit=200,
     )[0]
-    shares = [quad(jonswap, a, b, (height, period, gamma))[0] / total for a, b in pairwise(edges)]
+    spectrum_shares = [
+        quad(jonswap, a, b, (height, period, gamma))[0] / total for a, b in pairwise(edges)
+    ]
     for seed in range(5):
         waves = Waves.jonswap(
             np.random.default_rng(seed),
@@ -337,8 +347,10 @@ def test_energy_of_the_sea_is_jonswaps_up_to_any_frequency(n: int, gamma: float)
         )
         energy = waves.amplitude_m**2 / 2
         assert 4 * np.sqrt(energy.sum()) == pytest.approx(height, rel=1e-12)
-        ours = np.histogram(waves.omega_rad_s, edges, weights=energy / energy.sum())[0]
-        np.testing.assert_allclose(np.cumsum(ours), np.cumsum(shares), atol=2 / n + 1e-6)
+        simulated_shares = np.histogram(waves.omega_rad_s, edges, weights=energy / energy.sum())[0]
+        np.testing.assert_allclose(
+            np.cumsum(simulated_shares), np.cumsum(spectrum_shares), atol=2 / n + 1e-6
+        )
 
 
 def test_bands_of_the_default_sea_have_their_energy() -> None:
@@ -348,39 +360,46 @@ def test_bands_of_the_default_sea_have_their_energy() -> None:
     height, period, gamma = 0.5, 4.0, 3.3
     peak = 2 * np.pi / period
     edges = peak * np.array([0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0])
-    exact = np.array([quad(jonswap, a, b, (height, period, gamma))[0] for a, b in pairwise(edges)])
+    spectrum_energies = np.array(
+        [quad(jonswap, a, b, (height, period, gamma))[0] for a, b in pairwise(edges)]
+    )
     seas = [
         Waves.jonswap(np.random.default_rng(s), significant_height_m=height, peak_period_s=period)
         for s in range(200)
     ]
-    ours = np.array(
+    band_energies = np.array(
         [np.histogram(w.omega_rad_s, edges, weights=w.amplitude_m**2 / 2)[0] for w in seas]
     )
-    relative = ours / ours.sum(1, keepdims=True) / (exact / exact.sum()) - 1
-    np.testing.assert_allclose(relative.mean(0), 0.0, atol=0.04)
-    assert np.sqrt(np.mean(relative[:, 2:] ** 2, axis=0)).max() < 0.06
+    relative_errors = (
+        band_energies
+        / band_energies.sum(1, keepdims=True)
+        / (spectrum_energies / spectrum_energies.sum())
+        - 1
+    )
+    np.testing.assert_allclose(relative_errors.mean(0), 0.0, atol=0.04)
+    assert np.sqrt(np.mean(relative_errors[:, 2:] ** 2, axis=0)).max() < 0.06
     # the published normalisation is itself an approximation of 1 … 2 %
-    np.testing.assert_allclose(ours.mean(0).sum(), exact.sum(), rtol=0.03)
+    np.testing.assert_allclose(band_energies.mean(0).sum(), spectrum_energies.sum(), rtol=0.03)
 
 
 def test_sea_is_a_function_of_its_seed() -> None:
-    one, same, other = (
+    first, same, other = (
         Waves.jonswap(np.random.default_rng(s), significant_height_m=0.5, peak_period_s=4.0)
         for s in (7, 7, 8)
     )
-    assert one.phase_rad.tobytes() == same.phase_rad.tobytes()
-    assert one.amplitude_m.tobytes() == same.amplitude_m.tobytes()
-    assert one.phase_rad.tobytes() != other.phase_rad.tobytes()
+    assert first.phase_rad.tobytes() == same.phase_rad.tobytes()
+    assert first.amplitude_m.tobytes() == same.amplitude_m.tobytes()
+    assert first.phase_rad.tobytes() != other.phase_rad.tobytes()
 
 
-def test_errors_are_reported() -> None:
+def test_too_high_a_regular_wave_is_refused() -> None:
     with pytest.raises(ValueError, match=r"height_m=3\.0 must lie between 0 and 2 m"):
         Waves.regular(height_m=3.0, period_s=3.0)
 
 
 def test_wave_components_have_the_set_directional_spread() -> None:
-    """2000 normal directions: five standard deviations of their mean and of their standard
-    deviation.
+    """The tolerances are five standard errors of the mean and of the standard deviation of 2000
+    normal directions.
     """
     n, spread = 2000, 0.3
     waves = Waves.jonswap(

@@ -12,11 +12,15 @@ KNOTS = PROFILE.depth.tolist()
 
 
 @pytest.mark.parametrize(("upper", "lower"), [(2.0, 14.0), (11.5, 40.0), (15.0, 30.0), (0.0, 60.0)])
-def test_the_mean_slowness_is_that_of_the_speeds_between(upper: float, lower: float) -> None:
-    """The speed is constant beyond a layer in which its gradient fades."""
-    ends = sorted({upper, lower, *(depth for depth in KNOTS if upper < depth < lower)})
+def test_mean_slowness_is_the_quadrature_of_slowness_between_two_depths(
+    upper: float, lower: float
+) -> None:
+    """Also above and below the points of the profile, where the gradient fades and then the speed
+    is constant.
+    """
+    limits = sorted({upper, lower, *(depth for depth in KNOTS if upper < depth < lower)})
     time = sum(
         quad(lambda z: 1.0 / speed_and_gradient(PROFILE, z, 0)[0], a, b, epsabs=1e-14)[0]
-        for a, b in itertools.pairwise(ends)
+        for a, b in itertools.pairwise(limits)
     )
     assert mean_slowness(PROFILE, upper, lower) == pytest.approx(time / (lower - upper), rel=1e-9)
