@@ -456,16 +456,18 @@ def test_dead_reckoning_on_the_log_is_that_of_the_data_set(tmp_path: Path, name:
     """
     tables = loadmat(PLAZA / f"{name}.mat")
     position, direction = complex(*tables["DRp"][0, 1:3]), tables["DRp"][0, 3]
-    for _, way, rotation in tables["DR"]:
-        position, direction = position + way * np.exp(1j * direction), direction + rotation
+    for _, step_length, rotation in tables["DR"]:
+        position, direction = position + step_length * np.exp(1j * direction), direction + rotation
     data = read_data_set(PLAZA / f"{name}.mat")
     write_data_set(data, tmp_path / "a.mcap")
     measured = read_data_set_log(tmp_path / "a.mcap").measurements
     assert measured.durations is not None
-    way = np.column_stack([np.sin(measured.heading), np.cos(measured.heading)]).T @ (
+    displacement = np.column_stack([np.sin(measured.heading), np.cos(measured.heading)]).T @ (
         measured.speed * measured.durations
     )
-    np.testing.assert_allclose(data.start[:2] + way, [position.real, position.imag], atol=1e-5)
+    np.testing.assert_allclose(
+        data.start[:2] + displacement, [position.real, position.imag], atol=1e-5
+    )
     assert measured.time[-1] - measured.dt == pytest.approx(
         tables["DR"][-1, 0] - tables["DRp"][0, 0], abs=1e-6
     )
@@ -570,8 +572,8 @@ def test_legs_end_where_poses_composed_one_after_the_other_do(
         )
     leg_ends, speed, heading = data.legs()
     durations: Floats = np.diff(np.concatenate([[0.0], leg_ends]))
-    way = np.column_stack([np.sin(heading), np.cos(heading)]).T @ (durations * speed)
-    np.testing.assert_allclose(way + start[:2], [position.real, position.imag], atol=1e-9)
+    displacement = np.column_stack([np.sin(heading), np.cos(heading)]).T @ (durations * speed)
+    np.testing.assert_allclose(displacement + start[:2], [position.real, position.imag], atol=1e-9)
     assert leg_ends[-1] == len(steps)
 
 

@@ -134,15 +134,17 @@ def test_rows_out_of_order_that_fill_a_gap_are_sorted(tmp_path: Path) -> None:
 
 
 def test_two_streams_behind_each_other_are_merged(tmp_path: Path) -> None:
-    own = [f"{','.join(line.split(',')[:4])},,,,,,," for line in table_lines()]
-    messages = [f"{line.split(',')[0]},,,,{line.split(',', 4)[4]}" for line in table_lines()[9::10]]
-    table = read(tmp_path, [*own, *messages])
+    own_lines = [f"{','.join(line.split(',')[:4])},,,,,,," for line in table_lines()]
+    message_lines = [
+        f"{line.split(',')[0]},,,,{line.split(',', 4)[4]}" for line in table_lines()[9::10]
+    ]
+    table = read(tmp_path, [*own_lines, *message_lines])
     reception_time, emission_time = reception_and_emission_times(table)
     assert reception_time == pytest.approx(emission_time)
     assert not any("back" in remark or "order" in remark for remark in table.remarks)
     # messages whose clock steps back within their stream
     with pytest.raises(LaisnError, match="the time of receptions steps back after row 1060"):
-        read(tmp_path, [*own, *messages[:60], *messages[20:]])
+        read(tmp_path, [*own_lines, *message_lines[:60], *message_lines[20:]])
 
 
 def test_times_in_no_order_are_refused(tmp_path: Path) -> None:

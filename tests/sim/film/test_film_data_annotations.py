@@ -141,9 +141,9 @@ def test_an_excerpt_lies_within_the_mission(flight, start, end):
 # frames
 
 
-def colour_near(image, place, radius=1):
+def colour_near(image, pixel, radius=1):
     """Mean over pixels that lie inside a marker for any of its subpixel positions."""
-    x, y = (int(np.floor(v)) for v in place)
+    x, y = (int(np.floor(v)) for v in pixel)
     return (
         np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1]
         .reshape(-1, 3)

@@ -57,9 +57,9 @@ def test_without_graphics_one_message_reports_what_to_install(flight, tmp_path, 
 # frames
 
 
-def colour_near(image, place, radius=1):
+def colour_near(image, pixel, radius=1):
     """Mean over pixels that lie inside a marker for any of its subpixel positions."""
-    x, y = (round(float(v)) for v in place)
+    x, y = (round(float(v)) for v in pixel)
     return (
         np.asarray(image)[y - radius : y + radius + 1, x - radius : x + radius + 1]
         .reshape(-1, 3)

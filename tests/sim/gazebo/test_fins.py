@@ -65,11 +65,11 @@ def test_lift_and_drag_beyond_the_stall_angle(
 ) -> None:
     """Lift across the flow, drag along it, 10 N at a coefficient of 1 and 1 m/s."""
     fin = import_text(tmp_path, WITH_FIN).effector("fin")
-    along = np.array(velocity)
-    across = np.array([-along[2], 0.0, along[0]])
+    flow_direction = np.array(velocity)
+    lift_direction = np.array([-flow_direction[2], 0.0, flow_direction[0]])
     actual = force(fin, 0.0, velocity)
-    assert actual @ across == pytest.approx(10.0 * expected[0])
-    assert actual @ along == pytest.approx(-10.0 * expected[1])
+    assert actual @ lift_direction == pytest.approx(10.0 * expected[0])
+    assert actual @ flow_direction == pytest.approx(-10.0 * expected[1])
 
 
 def test_sweep_and_flow_from_behind_take_lift(tmp_path: Path) -> None:

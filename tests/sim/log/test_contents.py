@@ -52,17 +52,13 @@ DEFAULTS = {"INT32": "-7", "DOUBLE": "2.5", "BOOL": "true", "STRING": "none"}
 
 
 @cache
-def message_class(syntax: str, *, numbers: bool = False) -> Any:
-    """A type with a field of every kind, one of its own type and a repeated one; or with numbers
-    alone.
-    """
+def message_class(syntax: str) -> Any:
+    """A type with a field of every kind, one of its own type and a repeated one."""
     file = descriptor_pb2.FileDescriptorProto(
         name=f"all_{syntax}.proto", package=f"all_{syntax}", syntax=syntax
     )
     message = file.message_type.add(name="All")
     for number, name in enumerate(VALUES_OF_KIND, start=1):
-        if numbers and name == "STRING":
-            continue
         default = DEFAULTS.get(name) if syntax == "proto2" else None
         message.field.add(
             name=name.lower(),
@@ -71,16 +67,15 @@ def message_class(syntax: str, *, numbers: bool = False) -> Any:
             label=KIND.LABEL_OPTIONAL,
             default_value=default,
         )
-    if not numbers:
-        label = KIND.LABEL_OPTIONAL
-        message.field.add(
-            name="inner",
-            number=100,
-            type=KIND.TYPE_MESSAGE,
-            type_name=f".all_{syntax}.All",
-            label=label,
-        )
-        message.field.add(name="many", number=101, type=KIND.TYPE_DOUBLE, label=KIND.LABEL_REPEATED)
+    label = KIND.LABEL_OPTIONAL
+    message.field.add(
+        name="inner",
+        number=100,
+        type=KIND.TYPE_MESSAGE,
+        type_name=f".all_{syntax}.All",
+        label=label,
+    )
+    message.field.add(name="many", number=101, type=KIND.TYPE_DOUBLE, label=KIND.LABEL_REPEATED)
     pool = descriptor_pool.DescriptorPool()
     pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"all_{syntax}.All"))

@@ -58,25 +58,25 @@ def log_bytes(flight: FlightRecord, tmp_path_factory: pytest.TempPathFactory) ->
     return log_of(flight, tmp_path_factory.mktemp("whole"))
 
 
-def is_start_of(part: FlightRecord, flight: FlightRecord) -> bool:
+def is_start_of(candidate: FlightRecord, flight: FlightRecord) -> bool:
     """Whether a flight consists of the first filter steps of another, to the bit, and is marked as
     interrupted.
     """
-    steps = part.measurements[0].speed.size
+    steps = candidate.measurements[0].speed.size
     beginning = excerpt(flight, 0.0, steps * flight.measurements[0].dt)
-    points = part.trajectory.time.size
+    points = candidate.trajectory.time.size
     truths = [
         {k: v for k, v in bits(t).items() if k[:4] != "site"}
-        for t in (part.trajectory, beginning.trajectory)
+        for t in (candidate.trajectory, beginning.trajectory)
     ]
     return (
-        part.outcome is Termination.INTERRUPTED
+        candidate.outcome is Termination.INTERRUPTED
         and points == beginning.trajectory.time.size
         and truths[0] == truths[1]
-        and bits(part.trajectory)["site_offset"] == bits(flight.trajectory)["site_offset"]
-        and bits(part.measurements) == bits(beginning.measurements)
-        and bits(part.estimates) == bits(beginning.estimates)
-        and part.scenario == flight.scenario
+        and bits(candidate.trajectory)["site_offset"] == bits(flight.trajectory)["site_offset"]
+        and bits(candidate.measurements) == bits(beginning.measurements)
+        and bits(candidate.estimates) == bits(beginning.estimates)
+        and candidate.scenario == flight.scenario
     )
 
 

@@ -235,8 +235,14 @@ def test_a_vehicle_at_030_and_nose_up_points_there(tmp_path: Path) -> None:
 
 def test_frames_are_those_of_rep_105(topics: Topics, flight: FlightRecord) -> None:
     ((_, static),) = topics["/tf_static"]
-    parents = {t.child_frame_id: t.header.frame_id for t in static.transforms}
-    moving = {t.child_frame_id: t.header.frame_id for _, m in topics["/tf"] for t in m.transforms}
+    parents = {
+        transform.child_frame_id: transform.header.frame_id for transform in static.transforms
+    }
+    moving = {
+        transform.child_frame_id: transform.header.frame_id
+        for _, message in topics["/tf"]
+        for transform in message.transforms
+    }
     assert not parents.keys() & moving.keys()
     parents |= moving
     for name in flight.trajectory.names:
@@ -245,7 +251,10 @@ def test_frames_are_those_of_rep_105(topics: Topics, flight: FlightRecord) -> No
     assert parents["leader/tx_front"] == "leader/base_link"
     assert parents["follower1/hydrophone"] == "follower1/base_link"
     assert parents["follower1/estimate"] == "map"
-    offsets = {t.child_frame_id: xyz(t.transform.translation) for t in static.transforms}
+    offsets = {
+        transform.child_frame_id: xyz(transform.transform.translation)
+        for transform in static.transforms
+    }
     assert offsets["leader/tx_rear"] == [-1.0, 0.0, 0.0]
     assert offsets["follower2/hydrophone"] == [0.0, 0.0, 0.1]
     assert offsets["leader/odom"] == [0.0, 0.0, 0.0]

@@ -59,13 +59,15 @@ def test_the_hull_in_the_scene_fills_the_model(name: str, written: Path) -> None
     points_in_model = np.concatenate(boxes)
 
     def corners_of(part: Any) -> Any:
-        p, q, rotation = part.pose.position, part.pose.orientation, np.empty(9)
-        mujoco.mju_quat2Mat(rotation, np.array([q.w, q.x, q.y, q.z]))
+        position, orientation, rotation = part.pose.position, part.pose.orientation, np.empty(9)
+        mujoco.mju_quat2Mat(
+            rotation, np.array([orientation.w, orientation.x, orientation.y, orientation.z])
+        )
         if hasattr(part, "size"):
             points = corners * [part.size.x, part.size.y, part.size.z] / 2
         else:
             points = np.array([[v.x, v.y, v.z] for v in part.points])
-        return [p.x, p.y, p.z] + points @ rotation.reshape(3, 3).T
+        return [position.x, position.y, position.z] + points @ rotation.reshape(3, 3).T
 
     (update,) = messages(written, "/scene/hulls")
     (shape,) = (e for e in update.entities if e.id == f"{name}/hull")

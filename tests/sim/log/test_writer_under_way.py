@@ -78,12 +78,12 @@ def test_a_log_under_way_has_the_bytes_of_the_finished_flight(
     require_that_it_begins_as(begun, flight)
 
 
-def require_that_it_begins_as(begun: FlightRecord, whole: FlightRecord) -> None:
+def require_that_it_begins_as(beginning: FlightRecord, flight: FlightRecord) -> None:
     """A flight that was cut off is equal to the beginning of the whole one."""
-    instants = begun.trajectory.time.size
-    np.testing.assert_array_equal(begun.trajectory.pose, whole.trajectory.pose[:instants])
+    instants = beginning.trajectory.time.size
+    np.testing.assert_array_equal(beginning.trajectory.pose, flight.trajectory.pose[:instants])
     for estimates_of_begun, estimates_of_whole in zip(
-        begun.estimates, whole.estimates, strict=True
+        beginning.estimates, flight.estimates, strict=True
     ):
         steps = len(estimates_of_begun.state)
         np.testing.assert_array_equal(estimates_of_begun.state, estimates_of_whole.state[:steps])
