@@ -24,7 +24,7 @@ def make_scenario(
     *,
     filter_step: float = 0.1,
     floor: float = 30.0,
-    **others: object,
+    **other_settings: object,
 ) -> Scenario:
     """20 s with a message each second."""
     return Scenario(
@@ -35,7 +35,7 @@ def make_scenario(
         followers=(Follower(route="T5"),),
         ocean=OceanTable(floor_depth_m=floor),
         acoustics=acoustics or Acoustics(),
-        **others,  # type: ignore[arg-type]
+        **other_settings,  # type: ignore[arg-type]
     )
 
 
@@ -52,23 +52,23 @@ def make_trajectory(
     start = np.array([leader, follower], dtype=np.float64)
     velocity = np.array([leader_velocity, follower_velocity], dtype=np.float64)
     n, v = time.size, 2
-    turned = np.stack([attitude.from_euler(*heading_pitch_roll), attitude.from_euler(np.pi / 2)])
+    attitudes = np.stack([attitude.from_euler(*heading_pitch_roll), attitude.from_euler(np.pi / 2)])
     sites = [
-        (f"{name}/{site}", i, at)
-        for i, name in enumerate(SITES)
-        for site, at in SITES[name].items()
+        (f"{name}/{site}", vehicle, offset)
+        for vehicle, name in enumerate(SITES)
+        for site, offset in SITES[name].items()
     ]
     return Trajectory(
         names=("leader", "follower"),
         time=time,
         pose=np.concatenate(
-            [start + time[:, None, None] * velocity, np.broadcast_to(turned, (n, v, 4))], axis=2
+            [start + time[:, None, None] * velocity, np.broadcast_to(attitudes, (n, v, 4))], axis=2
         ),
         twist=np.broadcast_to(np.hstack([velocity, np.zeros((v, 3))]), (n, v, 6)).copy(),
         water_velocity=np.zeros((n, v, 3)),
         effector_states=np.zeros((n, v, 0)),
         effector_force=np.zeros((v, 0, 3)),
         site_names=tuple(name for name, _, _ in sites),
-        site_vehicle=np.array([i for _, i, _ in sites]),
-        site_offset=np.array([at for _, _, at in sites]),
+        site_vehicle=np.array([vehicle for _, vehicle, _ in sites]),
+        site_offset=np.array([offset for _, _, offset in sites]),
     )

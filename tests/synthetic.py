@@ -83,25 +83,38 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
     rate = 1.0 / LEADER_RADIUS_M
     angle = rate * time[:, None] - LAG_RAD * (lane > 0)
     depth = np.array([scenario.leader.depth_m, *(f.depth_m for f in scenario.followers)])
-    wobble = 0.4 * time[:, None] + lane
-    pitch, roll = np.deg2rad(3.0) * np.sin(wobble), np.deg2rad(2.0) * np.cos(0.7 * wobble)
+    wobble_phase = 0.4 * time[:, None] + lane
+    pitch, roll = (
+        np.deg2rad(3.0) * np.sin(wobble_phase),
+        np.deg2rad(2.0) * np.cos(0.7 * wobble_phase),
+    )
     position = np.stack(
         [
             radius * np.sin(angle),
             LEADER_RADIUS_M - radius * np.cos(angle),
-            -depth + 0.1 * np.cos(wobble),
+            -depth + 0.1 * np.cos(wobble_phase),
         ],
         axis=-1,
     )
     velocity = np.stack(
-        [radius * rate * np.cos(angle), radius * rate * np.sin(angle), -0.04 * np.sin(wobble)],
+        [
+            radius * rate * np.cos(angle),
+            radius * rate * np.sin(angle),
+            -0.04 * np.sin(wobble_phase),
+        ],
         axis=-1,
     )
-    turning = np.stack(
-        [np.zeros_like(pitch), -0.4 * np.deg2rad(3.0) * np.cos(wobble), np.full_like(pitch, rate)],
+    angular_velocity = np.stack(
+        [
+            np.zeros_like(pitch),
+            -0.4 * np.deg2rad(3.0) * np.cos(wobble_phase),
+            np.full_like(pitch, rate),
+        ],
         axis=-1,
     )
-    thrust = np.stack([20 + np.sin(wobble), *(0.5 * np.sin(wobble + i) for i in range(4))], axis=-1)
+    thrust = np.stack(
+        [20 + np.sin(wobble_phase), *(0.5 * np.sin(wobble_phase + i) for i in range(4))], axis=-1
+    )
     sites = [
         (f"{name}/{site}", v, offset)
         for v, name in enumerate(names)
@@ -113,7 +126,7 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
         pose=np.concatenate(
             [position, attitude.from_euler(np.pi / 2 - angle, pitch, roll)], axis=2
         ),
-        twist=np.concatenate([velocity, turning], axis=2),
+        twist=np.concatenate([velocity, angular_velocity], axis=2),
         water_velocity=np.broadcast_to([0.10, -0.05, 0.0], position.shape).copy(),
         effector_states=thrust,
         effector_names=(EFFECTORS,) * len(names),
@@ -124,56 +137,58 @@ def make_trajectory(scenario: Scenario) -> Trajectory:
     )
 
 
-def moved(trajectory: Trajectory, **parts: Any) -> Trajectory:
+def moved(trajectory: Trajectory, **replacements: Any) -> Trajectory:
     """The trajectory with other positions, quaternions, velocities, angular velocities or other
     fields.
     """
     pose, twist = (
-        np.concatenate([parts.pop(name, getattr(trajectory, name)) for name in names], axis=2)
+        np.concatenate(
+            [replacements.pop(name, getattr(trajectory, name)) for name in names], axis=2
+        )
         for names in (("position", "quaternion"), ("velocity", "angular_velocity"))
     )
-    return dataclasses.replace(trajectory, pose=pose, twist=twist, **parts)
+    return dataclasses.replace(trajectory, pose=pose, twist=twist, **replacements)
 
 
 def make_measurements(scenario: Scenario, trajectory: Trajectory, follower: int) -> Measurements:
     """Noisy speed, heading, depth and ranges; pitch and roll are not broadcast, and every 13th
     front range is lost.
     """
-    random = np.random.default_rng([scenario.seed, follower, 0])
+    rng = np.random.default_rng([scenario.seed, follower, 0])
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     n, v = scenario.filter_steps, follower + 1
-    own = stride * np.arange(1, n + 1)
-    step = scenario.message_every * np.arange(1, n // scenario.message_every + 1)
-    ping = stride * step
-    m = step.size
+    read_index = stride * np.arange(1, n + 1)
+    message_step = scenario.message_every * np.arange(1, n // scenario.message_every + 1)
+    sent_index = stride * message_step
+    m = message_step.size
     hydrophone = trajectory.site(f"{trajectory.names[v]}/hydrophone")
     transmitters = [
         trajectory.site(f"leader/{site}") for site in ("tx_rear", "tx_front", "tx_middle")
     ]
     separation = (
-        trajectory.site_position[ping][:, transmitters]
-        - trajectory.site_position[ping][:, [hydrophone]]
+        trajectory.site_position[sent_index][:, transmitters]
+        - trajectory.site_position[sent_index][:, [hydrophone]]
     )
-    ranges = np.linalg.norm(separation, axis=-1) + random.uniform(0, 0.01, (m, 3))
+    ranges = np.linalg.norm(separation, axis=-1) + rng.uniform(0, 0.01, (m, 3))
     ranges[12::13, 1] = np.nan
     message = np.full((m, len(LeaderMessage._fields)), np.nan)
     message[:, :6] = np.column_stack(
         [
-            trajectory.time[ping],
-            trajectory.position[ping, 0, :2],
-            trajectory.heading[ping, 0],
-            trajectory.forward_speed[ping, 0],
-            trajectory.depth[ping, 0],
+            trajectory.time[sent_index],
+            trajectory.position[sent_index, 0, :2],
+            trajectory.heading[sent_index, 0],
+            trajectory.forward_speed[sent_index, 0],
+            trajectory.depth[sent_index, 0],
         ]
     )
     return Measurements(
         dt=scenario.timing.filter_step_s,
-        speed=trajectory.forward_speed[own, v] + random.normal(0.2, 0.2, n),
-        heading=trajectory.heading[own, v]
+        speed=trajectory.forward_speed[read_index, v] + rng.normal(0.2, 0.2, n),
+        heading=trajectory.heading[read_index, v]
         + np.deg2rad(5.0)
-        + np.abs(random.normal(0, np.deg2rad(2.0), n)),
-        depth=trajectory.depth[own, v] + random.normal(0, 0.02, n),
-        message_step=step,
+        + np.abs(rng.normal(0, np.deg2rad(2.0), n)),
+        depth=trajectory.depth[read_index, v] + rng.normal(0, 0.02, n),
+        message_step=message_step,
         message=message,
         ranges=ranges,
     )
@@ -185,7 +200,7 @@ def make_estimates(
     """Truth plus a drift of 0.2 m/s that every fix removes; all kinds of fix occur, most of them
     from two points.
     """
-    random = np.random.default_rng([scenario.seed, follower, 1])
+    rng = np.random.default_rng([scenario.seed, follower, 1])
     stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
     n, v, step = measurements.speed.size, follower + 1, measurements.message_step
     f = step.size
@@ -196,24 +211,24 @@ def make_estimates(
     age = measurements.dt * (np.arange(1, n + 1) % scenario.message_every)
     state = np.column_stack(
         [
-            truth + 0.2 * age[:, None] * [0.6, -0.8] + random.normal(0, 0.05, (n, 2)),
+            truth + 0.2 * age[:, None] * [0.6, -0.8] + rng.normal(0, 0.05, (n, 2)),
             trajectory.velocity[index, v, :2],
         ]
     )
-    spread = np.array(
+    covariance_factor = np.array(
         [[0.3, 0.1, 0.0, 0.0], [0.0, 0.2, 0.0, 0.0], [0.1, 0.0, 0.2, 0.0], [0.0, 0.1, 0.0, 0.2]]
     )
-    covariance = (0.1 + age)[:, None, None] * (spread @ spread.T)
+    covariance = (0.1 + age)[:, None, None] * (covariance_factor @ covariance_factor.T)
     kind = np.full(f, FixKind.TWO_POINTS, dtype=np.int64)
-    for every, rare in enumerate(
+    for order, rare_kind in enumerate(
         (FixKind.ASTERN, FixKind.GATED, FixKind.SINGULAR, FixKind.FUSED, FixKind.TANGENT)
     ):
-        kind[4 + 2 * every :: 17] = rare
+        kind[4 + 2 * order :: 17] = rare_kind
     kind[np.isnan(measurements.ranges).any(axis=1)] = FixKind.LOST
-    innovation = random.normal(0, 0.2, (f, 2))
-    sigma = random.uniform(0.05, 0.15, f)
-    for lost in (innovation, sigma):
-        lost[kind == FixKind.LOST] = np.nan
+    innovation = rng.normal(0, 0.2, (f, 2))
+    sigma = rng.uniform(0.05, 0.15, f)
+    for fix_quantity in (innovation, sigma):
+        fix_quantity[kind == FixKind.LOST] = np.nan
     position = state[step - 1, :2] + innovation
     return Estimates(
         state=state,
@@ -282,13 +297,15 @@ def messages(path: Path, topic: str) -> list[Any]:
 
 def only(trajectory: Trajectory, vehicles: Sequence[int]) -> Trajectory:
     """Some of the vehicles by index, increasing, 0 first, without their sites."""
-    chosen, named = list(vehicles), bool(trajectory.effector_names)
+    indices, has_effector_names = list(vehicles), bool(trajectory.effector_names)
     return dataclasses.replace(
         trajectory,
-        names=tuple(trajectory.names[v] for v in chosen),
-        effector_names=tuple(trajectory.effector_names[v] for v in chosen) if named else (),
-        effector_force=trajectory.effector_force[chosen],
-        **{name: getattr(trajectory, name)[:, chosen] for name in OF_VEHICLES},
+        names=tuple(trajectory.names[v] for v in indices),
+        effector_names=tuple(trajectory.effector_names[v] for v in indices)
+        if has_effector_names
+        else (),
+        effector_force=trajectory.effector_force[indices],
+        **{name: getattr(trajectory, name)[:, indices] for name in OF_VEHICLES},
         site_names=(),
         site_vehicle=np.zeros(0, dtype=np.int64),
         site_offset=np.zeros((0, 3)),

@@ -17,90 +17,90 @@ pytestmark = pytest.mark.system
 
 
 def wait_for(path: Path) -> None:
-    end = time.monotonic() + 20.0
+    deadline = time.monotonic() + 20.0
     while not path.exists():
-        assert time.monotonic() < end, f"{path.name} never came"
+        assert time.monotonic() < deadline, f"{path.name} never came"
         time.sleep(0.005)
 
 
-def meet(here: Path, there: Path) -> int:
-    wait_for(here)
-    there.touch()
+def wait_and_touch(awaited: Path, touched: Path) -> int:
+    wait_for(awaited)
+    touched.touch()
     return os.getpid()
 
 
 def test_a_task_works_beside_the_block(tmp_path: Path) -> None:
-    """Each waits for what the other does, which no order of one after the other would give."""
-    here, there = tmp_path / "here", tmp_path / "there"
+    """Block and task each wait for a file of the other, so neither can be first."""
+    by_block, by_task = tmp_path / "by_block", tmp_path / "by_task"
     with background_process(os.getpid) as background:
-        actual = background.submit(meet, here, there)
-        here.touch()
-        wait_for(there)
-        assert actual.result() != os.getpid()
+        task_pid = background.submit(wait_and_touch, by_block, by_task)
+        by_block.touch()
+        wait_for(by_task)
+        assert task_pid.result() != os.getpid()
 
 
-def refuse() -> None:
+def raise_project_error() -> None:
     raise LaisnError("no such route")
 
 
-def stumble() -> None:
+def raise_os_error() -> None:
     raise OSError(28, "No space left on device", "report.html")
 
 
-def die() -> None:
+def kill_itself() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 @pytest.mark.parametrize(
     ("task", "error", "text"),
     [
-        (refuse, LaisnError, "no such route"),
-        (stumble, OSError, "No space left on device: 'report.html'"),
-        (die, BrokenProcessPool, "terminated abruptly"),
+        (raise_project_error, LaisnError, "no such route"),
+        (raise_os_error, OSError, "No space left on device: 'report.html'"),
+        (kill_itself, BrokenProcessPool, "terminated abruptly"),
     ],
 )
-def test_what_a_task_raises_is_raised_by_its_result(task, error, text) -> None:
+def test_the_result_raises_what_the_task_raises(task, error, text) -> None:
     with pytest.raises(error, match=text) as raised, background_process() as background:
         background.submit(task).result()
-    assert task is die or f"in {task.__name__}" in str(raised.value.__cause__)
+    assert task is kill_itself or f"in {task.__name__}" in str(raised.value.__cause__)
 
 
-def sleep_after(begun: Path) -> None:
-    begun.write_text(str(os.getpid()))
-    begun.with_name("whole").touch()
+def write_pid_and_sleep(pid_file: Path) -> None:
+    pid_file.write_text(str(os.getpid()))
+    pid_file.with_name("pid_is_written").touch()
     time.sleep(60)
 
 
 def test_a_block_that_fails_kills_the_task(tmp_path: Path) -> None:
-    begun = tmp_path / "begun"
+    pid_file = tmp_path / "pid"
     start = time.monotonic()
     with pytest.raises(KeyboardInterrupt), background_process() as background:  # noqa: PT012  (the block is what fails)
-        background.submit(sleep_after, begun)
-        wait_for(tmp_path / "whole")
+        background.submit(write_pid_and_sleep, pid_file)
+        wait_for(tmp_path / "pid_is_written")
         raise KeyboardInterrupt
     assert time.monotonic() - start < 30
     with pytest.raises(ProcessLookupError):
-        os.kill(int(begun.read_text()), 0)
+        os.kill(int(pid_file.read_text()), 0)
 
 
 def test_a_signal_during_the_fork_reaches_its_handler() -> None:
     """Python prints and discards what a handler raises within a hook of the fork."""
     parent, sent = os.getpid(), list[int]()
 
-    def send() -> None:
+    def send_once() -> None:
         if os.getpid() == parent and not sent:
             sent.append(signal.SIGTERM)
             os.kill(parent, signal.SIGTERM)
 
-    os.register_at_fork(after_in_parent=send)
+    os.register_at_fork(after_in_parent=send_once)
 
     def interrupt(number: int, _: object) -> None:
         raise KeyboardInterrupt(signal.Signals(number).name)
 
-    before = signal.signal(signal.SIGTERM, interrupt)
+    previous_handler = signal.signal(signal.SIGTERM, interrupt)
     try:
         with pytest.raises(KeyboardInterrupt, match="SIGTERM"), background_process():
             pytest.fail("the block begins in spite of the signal")
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, previous_handler)
     assert sent

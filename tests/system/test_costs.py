@@ -22,35 +22,37 @@ pytestmark = pytest.mark.usefixtures("no_plugins")
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = {page: (DOCS / page).read_text("utf-8") for page in ("extending.md", "links.md")}
-BLOCK = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-BLOCKS = {name: code for text in PAGES.values() for name, code in BLOCK.findall(text)}
-ROW = re.compile(r"^\| (.*?) \| (.*?) \| (\d+) \| (\d+)(.*?) \|$", re.MULTILINE)
+NAMED_BLOCK = re.compile(r"^```python\n# (\S+\.py)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+CODE_BY_NAME = {name: code for text in PAGES.values() for name, code in NAMED_BLOCK.findall(text)}
+COST_ROW = re.compile(r"^\| (.*?) \| (.*?) \| (\d+) \| (\d+)(.*?) \|$", re.MULTILINE)
 
 
 def code_lines(name: str) -> int:
-    return sum(bool(line.strip()) for line in BLOCKS[name].splitlines())
+    return sum(bool(line.strip()) for line in CODE_BY_NAME[name].splitlines())
 
 
 def test_the_table_of_costs_counts_the_examples() -> None:
-    rows = ROW.findall(PAGES["extending.md"])
-    assert len(rows) == 11
-    for _, file, lines, project, where in rows:
+    table_rows = COST_ROW.findall(PAGES["extending.md"])
+    assert len(table_rows) == 11
+    for _, file, lines, project_lines, remark in table_rows:
         name = file.strip("`")
         expected = code_lines(name) if name.endswith(".py") else 0
         assert (file, int(lines)) == (file, expected)
-        if "laisn/fix.py" in where:
-            assert int(project) == code_lines("laisn/fix.py") + code_lines("laisn/settings.py")
+        if "laisn/fix.py" in remark:
+            assert int(project_lines) == code_lines("laisn/fix.py") + code_lines(
+                "laisn/settings.py"
+            )
 
 
-def plugin(folder: Path, name: str) -> Path:
+def write_block(folder: Path, name: str) -> Path:
     path = folder / name
-    path.write_text(BLOCKS[name], encoding="utf-8")
+    path.write_text(CODE_BY_NAME[name], encoding="utf-8")
     return path
 
 
 def test_a_model_of_sound_is_one_class(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Travel times are those of arcs of circles, whose radius follows from both ends."""
-    model = load_plugin(str(plugin(tmp_path, "gradient.py"))).ConstantGradient(1480.0, 0.5)
+    """It gives missions travel times along arcs of circles, here computed from both ends."""
+    model = load_plugin(str(write_block(tmp_path, "gradient.py"))).ConstantGradient(1480.0, 0.5)
     monkeypatch.setattr(sim.sensing.acoustics, "rays_of", lambda scenario: model)
     table = {
         "duration_s": 5.0,
@@ -62,20 +64,24 @@ def test_a_model_of_sound_is_one_class(tmp_path: Path, monkeypatch: pytest.Monke
     flight = laisn_sim.fly(scenario)
     received = propagate(flight.trajectory, SensingSettings.of(scenario))
     assert len(received.message_step) == 4
-    for m, sent in enumerate(received.emission_step):
-        arrives = received.arrival.time[m, 0, SoundPath.DIRECT]
-        source = received.transmitter[m, 0]
+    for message, emission_step in enumerate(received.emission_step):
+        arrival_time = received.arrival.time[message, 0, SoundPath.DIRECT]
+        source = received.transmitter[message, 0]
         # the follower moves along a line, by 1 m/s
         start = flight.trajectory.site_path("follower/hydrophone")[0]
-        end = start + arrives * np.array([1.0, 0.0, 0.0])
-        across = math.hypot(end[0] - source[0], end[1] - source[1])
-        # centre of the circle on the line where sound would have no speed, at depth −c₀ / g
-        first, last = 2960.0 - source[2], 2960.0 - end[2]
-        centre = (across**2 + last**2 - first**2) / (2.0 * across)
-        angles = [math.atan2(first, -centre), math.atan2(last, across - centre)]
-        turn = [math.log(math.tan(0.5 * angle)) for angle in angles]
-        expected = abs(turn[1] - turn[0]) / 0.5
-        assert arrives - 0.1 * sent == pytest.approx(expected, rel=1e-9)
+        end = start + arrival_time * np.array([1.0, 0.0, 0.0])
+        horizontal = math.hypot(end[0] - source[0], end[1] - source[1])
+        # the centre of the circle lies where sound would have no speed, at depth −c₀ / g; both ends
+        # from there
+        source_depth, receiver_depth = 2960.0 - source[2], 2960.0 - end[2]
+        centre = (horizontal**2 + receiver_depth**2 - source_depth**2) / (2.0 * horizontal)
+        angles = [
+            math.atan2(source_depth, -centre),
+            math.atan2(receiver_depth, horizontal - centre),
+        ]
+        log_tangents = [math.log(math.tan(0.5 * angle)) for angle in angles]
+        expected = abs(log_tangents[1] - log_tangents[0]) / 0.5
+        assert arrival_time - 0.1 * emission_step == pytest.approx(expected, rel=1e-9)
         straight = float(np.linalg.norm(end - source)) / 1488.0
         assert abs(expected / straight - 1.0) < 0.01
 
@@ -85,7 +91,7 @@ def test_an_export_is_one_file(tmp_path: Path) -> None:
     rosbags = pytest.importorskip("rosbags.rosbag2")
     flight = laisn_sim.fly("T5", {"duration_s": 5.0, "motion": "kinematic"})
     laisn_sim.write_log(flight, tmp_path / "flight.mcap")
-    script = plugin(tmp_path, "to_ros2.py")
+    script = write_block(tmp_path, "to_ros2.py")
     command = [sys.executable, str(script), "flight.mcap", "bag"]
     subprocess.run(command, cwd=tmp_path, check=True)
     with rosbags.Reader(tmp_path / "bag") as reader:
@@ -93,11 +99,11 @@ def test_an_export_is_one_file(tmp_path: Path) -> None:
         store = pytest.importorskip("rosbags.typesys")
         types = store.get_typestore(store.Stores.LATEST)
         channel, time, data = list(reader.messages())[-1]
-        last = types.deserialize_cdr(data, channel.msgtype)
+        last_message = types.deserialize_cdr(data, channel.msgtype)
     assert counts == {"/leader/odometry": 51, "/follower/odometry": 51}
     assert time == 5_000_000_000
-    place = last.pose.pose.position
+    position = last_message.pose.pose.position
     vehicle = 0 if channel.topic == "/leader/odometry" else 1
     np.testing.assert_array_equal(
-        [place.x, place.y, place.z], flight.trajectory.position[-1, vehicle]
+        [position.x, position.y, position.z], flight.trajectory.position[-1, vehicle]
     )

@@ -68,12 +68,12 @@ def prose(document: Path) -> str:
 
 
 def blocks(document: Path) -> list[Block]:
-    actual = re.findall(
+    matches = re.findall(
         r"^```(\w*)\n(.*?)^```",
         document.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
-    return [Block(*pair) for pair in actual]
+    return [Block(*language_and_text) for language_and_text in matches]
 
 
 def commands(text: str) -> list[list[str]]:
@@ -99,8 +99,8 @@ def shortened(words: list[str]) -> list[str]:
     return words
 
 
-def unrendered(patch: pytest.MonkeyPatch) -> None:
-    """Return an empty picture to the renderer, once its arguments have been checked."""
+def skip_rendering(patch: pytest.MonkeyPatch) -> None:
+    """Have the renderer get an empty picture, after its arguments have been checked."""
     program = (
         "import pickle, sys, numpy; pickle.dump(numpy.zeros((2, 2, 4), numpy.uint8), "
         "sys.stdout.buffer)"
@@ -108,23 +108,23 @@ def unrendered(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(graphics, "child", lambda *_: ([sys.executable, "-c", program], None))
 
 
-def run_laisn(words: list[str], flown: set[str]) -> None:
-    """Run a `laisn` command; `flown` are scenarios whose report was drawn already: the next would
-    be much alike.
+def run_laisn(words: list[str], already_drawn: set[str]) -> None:
+    """Run a `laisn` command; `already_drawn` are scenarios whose report has been drawn and is not
+    drawn again.
 
-    "render" is among them once a still was.
+    It also holds "render" once a still has been rendered.
     """
-    own = (
+    is_run = (
         words[0] == "study"
         and words[1].endswith(".toml")
         and "--dry-run" not in words
         and "--film" not in words
     )
-    if words[0] in STUDIES and not own:
-        known = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
-        assert known.exit_code == 0, known.output
+    if words[0] in STUDIES and not is_run:
+        help_result = CliRunner().invoke(app, [words[0], "--help"], env={"COLUMNS": "200"})
+        assert help_result.exit_code == 0, help_result.output
         for option in (word for word in words if word.startswith("--")):
-            assert option in known.output, f"laisn {words[0]} has no {option}"
+            assert option in help_result.output, f"laisn {words[0]} has no {option}"
         return
     target = None
     if ">" in words:
@@ -135,14 +135,16 @@ def run_laisn(words: list[str], flown: set[str]) -> None:
         words = [*words, "--still", "10", "--out", "film.png"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flight_report, "DRAWN_FOLLOWERS", 2)
-        if words[0] in flown:
-            unrendered(patch)
-        if words[0] == "fly" and words[1] in flown:
-            patch.setattr(flight_report, "flight_report", lambda *given: given[3].write_text(""))
+        if words[0] in already_drawn:
+            skip_rendering(patch)
+        if words[0] == "fly" and words[1] in already_drawn:
+            patch.setattr(
+                flight_report, "flight_report", lambda *arguments: arguments[3].write_text("")
+            )
         result = CliRunner().invoke(app, shortened(words))
     assert result.exit_code == 0, f"laisn {' '.join(words)}\n{result.output}"
     if words[0] in ("fly", "render"):
-        flown.add(words[1] if words[0] == "fly" else words[0])
+        already_drawn.add(words[1] if words[0] == "fly" else words[0])
     if target:
         Path(target).write_text(result.stdout, encoding="utf-8")
 
@@ -155,10 +157,10 @@ def run_python(words: list[str]) -> None:
     runpy.run_path(str(ROOT / words[0]), run_name="__main__")
 
 
-def run_line(words: list[str], flown: set[str]) -> None:
+def run_line(words: list[str], already_drawn: set[str]) -> None:
     program, *rest = words
     if program == "laisn":
-        run_laisn(rest, flown)
+        run_laisn(rest, already_drawn)
     elif program == "python":
         run_python(rest)
     elif program == "make":
@@ -180,7 +182,7 @@ def test_commands_and_code_work(
     # examples read its data
     (tmp_path / "tests").symlink_to(ROOT / "tests")
     namespace: dict[str, object] = {}
-    flown: set[str] = set()
+    already_drawn: set[str] = set()
     for language, text in blocks(document):
         if language == "toml":
             name = re.match(r"# (\S+\.toml)\n", text)
@@ -194,7 +196,7 @@ def test_commands_and_code_work(
             assert (ROOT / text.splitlines()[0].removeprefix("# ")).is_file()
         elif language == "bash":
             for words in commands(text):
-                run_line(words, flown)
+                run_line(words, already_drawn)
         else:
             assert language in ("bibtex", "math", "csv"), (
                 f"a block of {language!r} is not tried by anything"
@@ -216,9 +218,11 @@ def test_commands_in_the_text_exist(document: Path) -> None:
             files = (module.with_suffix(".py"), module / "__main__.py")
             assert rest[1].endswith("…") or any(file.is_file() for file in files)
         else:
-            depth = 2 if rest[0] == "log" else 1
-            known = CliRunner().invoke(app, [*rest[:depth], "--help"], env={"COLUMNS": "200"})
-            assert known.exit_code == 0, f"laisn {' '.join(rest)}"
+            command_words = 2 if rest[0] == "log" else 1
+            help_result = CliRunner().invoke(
+                app, [*rest[:command_words], "--help"], env={"COLUMNS": "200"}
+            )
+            assert help_result.exit_code == 0, f"laisn {' '.join(rest)}"
             if rest[0] == "fly" and re.fullmatch(r"\w[\w-]*", "".join(rest[1:2])):
                 assert rest[1] in scenario_names()
 
@@ -256,42 +260,42 @@ def keys(model: object = Scenario, prefix: str = "") -> set[str]:
     """All keys of a scenario as section.key; a section whose keys the user declares stands for
     them.
     """
-    actual = set()
+    names = set()
     for name, field in model.model_fields.items():  # type: ignore[attr-defined]
-        inner = next(
+        section = next(
             (
-                a
-                for a in (field.annotation, *getattr(field.annotation, "__args__", ()))
-                if hasattr(a, "model_fields")
+                candidate
+                for candidate in (field.annotation, *getattr(field.annotation, "__args__", ()))
+                if hasattr(candidate, "model_fields")
             ),
             None,
         )
-        actual |= (
+        names |= (
             {f"{prefix}{name}"}
-            if not getattr(inner, "model_fields", {})
-            else keys(inner, f"{prefix}{name}.")
+            if not getattr(section, "model_fields", {})
+            else keys(section, f"{prefix}{name}.")
         )
-    return actual
+    return names
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.stem)
 def test_keys_exist(document: Path) -> None:
-    known = keys()
-    sections = {key.rpartition(".")[0] for key in known if "." in key}
+    known_keys = keys()
+    sections = {key.rpartition(".")[0] for key in known_keys if "." in key}
     for mentioned in re.findall(r"`((?:\w+\.)+\w+)(?: = [^`]*)?`", prose(document)):
         if mentioned.split(".")[0] in sections and not mentioned.endswith(
             (".py", ".md", ".toml", ".json")
         ):
-            assert re.sub(r"\.(\d+|N)", "", mentioned) in known | sections, (
+            assert re.sub(r"\.(\d+|N)", "", mentioned) in known_keys | sections, (
                 f"{mentioned} is no key of a scenario"
             )
     for section in re.findall(r"`\[+([\w.]+)\]+`", prose(document)):
-        assert section in known | sections | set(StudyFile.model_fields) | {"quick"}, (
+        assert section in known_keys | sections | set(StudyFile.model_fields) | {"quick"}, (
             f"there is no section {section}"
         )
 
 
-def files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
+def toml_files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
     """Documents, names and contents of all TOML files that they show."""
     return [
         (document, text.split()[1], tomllib.loads(text))
@@ -302,23 +306,27 @@ def files_of_documents() -> list[tuple[Path, str, dict[str, Any]]]:
 
 
 def test_missions_and_studies_of_documents_have_different_folders() -> None:
-    """A folder out/NAME holds either."""
-    named = {
-        kind: {name for _, name, table in files_of_documents() if ("scenario" in table) == kind}
-        for kind in (0, 1)
+    """A folder out/NAME holds the results of one of them."""
+    names_by_kind = {
+        is_study: {
+            name
+            for _, name, table in toml_files_of_documents()
+            if ("scenario" in table) == is_study
+        }
+        for is_study in (False, True)
     }
-    assert all(named.values())
-    assert not named[0] & named[1]
+    assert all(names_by_kind.values())
+    assert not names_by_kind[False] & names_by_kind[True]
 
 
-def test_stations_of_documents_are_kept_by_an_able_navigator() -> None:
-    kept = {
+def test_missions_with_stations_in_documents_use_the_tightly_coupled_navigator() -> None:
+    variants = {
         f"{document.name}, {name}": validate(table, name).navigation.variant
-        for document, name, table in files_of_documents()
+        for document, name, table in toml_files_of_documents()
         if "scenario" not in table and re.search(r"'(station|shape)':", repr(table))
     }
-    assert "formation.md, pair.toml" in kept
-    assert set(kept.values()) == {"tight"}
+    assert "formation.md, pair.toml" in variants
+    assert set(variants.values()) == {"tight"}
 
 
 def test_the_readme_names_the_licence_of_bundled_codecs() -> None:
@@ -328,7 +336,7 @@ def test_the_readme_names_the_licence_of_bundled_codecs() -> None:
     )
 
 
-def test_python_examples_are_only_those_in_the_folder() -> None:
+def test_every_example_has_a_docstring_and_is_named_in_a_document() -> None:
     examples = list((ROOT / "examples").glob("*.py"))
     assert examples
     for example in examples:
@@ -341,15 +349,15 @@ def test_reference_of_scenarios_is_up_to_date() -> None:
 
 
 def test_numbers_in_documents_are_those_of_the_records() -> None:
-    actual = markers.records()
+    records = markers.records()
     for path in DOCUMENTS:
         text = path.read_text(encoding="utf-8")
-        assert markers.filled(text, actual) == text, f"{path.name}: run make figures"
+        assert markers.filled(text, records) == text, f"{path.name}: run make figures"
 
 
 def test_route_errors_match_the_record() -> None:
-    """The first minute does not suffice, so one whole route is flown; other machines may round
-    otherwise.
+    """One route is flown whole, as the recorded errors are those of whole routes. The tolerance is
+    one of the last digit, as other machines may round otherwise.
     """
     recorded = markers.records()["route-keeping"]
     reports = route_keeping.measure(route_keeping.scenario(("T8",)))
@@ -357,7 +365,7 @@ def test_route_errors_match_the_record() -> None:
     for name in ("leader", "T8"):
         for quantity, spec in TRACKED.items():
             old, new = (
-                float(actual[f"{quantity} {name}"].value or 0.0) for actual in (recorded, fresh)
+                float(findings[f"{quantity} {name}"].value or 0.0) for findings in (recorded, fresh)
             )
             assert abs(old - new) <= 10.0 ** -int(spec[1]), (
                 f"{quantity} of {name}: run make studies"
@@ -365,33 +373,35 @@ def test_route_errors_match_the_record() -> None:
 
 
 def test_closed_loops_match_the_record() -> None:
-    """To fly it all takes minutes: one route in one run must fit the median that is printed for
-    it.
+    """One route in one run is within half of the printed median, as flying all of them takes
+    minutes.
     """
-    actual = markers.records()["closed-loop"]
-    if markers.is_stale(actual):
+    record = markers.records()["closed-loop"]
+    if markers.is_stale(record):
         pytest.skip("the record is of other sources: run make studies")
     arms = {entry.arm: entry.scenario for entry in plan_of(study_of("closed-loop", {})).entries}
     mission = arms["laisn-2 estimate"]
-    alone = mission.model_copy(update={"followers": mission.followers[1:2], "duration_s": 200.0})
-    flight, _ = fly(alone)
+    one_follower = mission.model_copy(
+        update={"followers": mission.followers[1:2], "duration_s": 200.0}
+    )
+    flight, _ = fly(one_follower)
     measured = float(
         np.sqrt(np.mean(track_errors(MotionSettings.of(flight.scenario), flight.trajectory) ** 2))
     )
-    assert actual["lost-runs laisn-2 T3"].value == 0
-    assert measured == pytest.approx(float(actual["off laisn-2 T3"].value or 0.0), rel=0.5)
+    assert record["lost-runs laisn-2 T3"].value == 0
+    assert measured == pytest.approx(float(record["off laisn-2 T3"].value or 0.0), rel=0.5)
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
-def test_built_in_scenarios_introduce_themselves(path: Path) -> None:
+def test_built_in_scenarios_begin_with_a_description_and_pass_check(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     assert re.match(r"# [a-z].{20,110}\n", text)
     assert parse(text, str(path))["name"] == path.stem
     assert CliRunner().invoke(app, ["check", path.stem]).exit_code == 0
 
 
-def test_the_version_is_stated_once_and_quoted() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "version"
-    ]
-    assert f"\nversion: {project}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+def test_the_citation_has_the_version_of_the_project() -> None:
+    project_version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]["version"]
+    assert f"\nversion: {project_version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")

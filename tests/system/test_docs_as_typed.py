@@ -29,7 +29,7 @@ from tests.system.test_docs import (
 
 OWN_DATA = ROOT / "docs" / "own-data.md"
 GUIDES = [document for document in DOCUMENTS if document.name != "CHANGELOG.md"]
-WHOLE = ("scenarios", "vehicles", "doctor")
+COMPLETE_ALONE = ("scenarios", "vehicles", "doctor")
 """Commands that are complete by their name alone; of others the name alone is a mention."""
 
 
@@ -50,7 +50,7 @@ def files_of_a_user() -> None:
     Path("model.sdf").write_text(model.read_text(encoding="utf-8"), encoding="utf-8")
 
 
-def replaced(words: list[str]) -> list[str]:
+def with_own_files(words: list[str]) -> list[str]:
     """A command with a user's files in place of the names in capitals."""
     log = "cut.mcap" if "recover" in words else "flight.mcap"
     file = "my.toml" if words[0] == "check" else log
@@ -69,8 +69,10 @@ def replaced(words: list[str]) -> list[str]:
 
 def is_complete(words: list[str]) -> bool:
     """Whether it is a command line rather than the mention of a command."""
-    depth = 2 if words[0] == "log" else 1
-    return words[0] in WHOLE or any(not word.startswith("--") for word in words[depth:])
+    command_words = 2 if words[0] == "log" else 1
+    return words[0] in COMPLETE_ALONE or any(
+        not word.startswith("--") for word in words[command_words:]
+    )
 
 
 @pytest.mark.system
@@ -89,7 +91,7 @@ def test_command_lines_in_the_text_run(
         if rest[0] in ("fly", "render", "doctor", *STUDIES):
             # missions and studies are those of blocks or of `make typed`
             continue
-        words = replaced(rest)
+        words = with_own_files(rest)
         capitals = [word for word in words if re.fullmatch(r"[A-Z]+(\.\w+)?", word)]
         assert not capitals, f"{capitals} in {rest}"
         words = words[: words.index(">")] if ">" in words else words
@@ -97,8 +99,8 @@ def test_command_lines_in_the_text_run(
         assert result.exit_code == 0, f"laisn {shlex.join(rest)}\n{result.output}"
 
 
-def test_every_command_line_of_the_log_page_has_all_it_needs() -> None:
-    """The command that exports tables needs no folder."""
+def test_an_export_is_a_complete_command_without_a_folder() -> None:
+    """Beside it, `laisn log recover` without a file is the mention of a command."""
     lines = [" ".join(words) for words in inline_commands(ROOT / "docs" / "log.md")]
     assert "laisn log export FILE" in lines
     assert is_complete(["log", "export", "FILE"])
@@ -143,17 +145,17 @@ def test_blocks_run_whole_as_typed(
                 run_as_typed(words)
 
 
-def test_every_block_is_of_a_language_that_is_tried_or_is_not_to_be_typed(
+def test_blocks_have_known_languages_and_tables_are_imported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Formulas and the citation are read; a table is imported."""
+    """Formulas and the citation are only read, so their blocks are not run."""
     monkeypatch.chdir(tmp_path)
-    actual = [block for document in DOCUMENTS for block in blocks(document)]
-    assert {block.language for block in actual} == {
+    all_blocks = [block for document in DOCUMENTS for block in blocks(document)]
+    assert {block.language for block in all_blocks} == {
         *("bash", "python", "toml", "csv"),
         *("math", "bibtex"),
     }
-    for language, text in actual:
+    for language, text in all_blocks:
         if language == "csv":
             Path("typed.csv").write_text(text, encoding="utf-8")
             words = ["log", "import", "typed.csv", "--out", "typed.mcap"]

@@ -27,12 +27,12 @@ from tools.documents.vehicle_missions import ROLES, STATION, keeping, largest_de
 
 pytestmark = pytest.mark.system
 
-MACHINE = 1.05
+OTHER_MACHINES = 1.05
 """By so much flights of other processors may be farther off than those of the record."""
 ROUNDING_M = 0.05
 
 
-def figures(model: str, role: str) -> dict[str, float]:
+def largest_allowed(model: str, role: str) -> dict[str, float]:
     """Largest distances [m] from route, depth or station: those of the record of these missions,
     where it has been flown, within the bounds that the documents state for all vehicles.
     """
@@ -41,7 +41,7 @@ def figures(model: str, role: str) -> dict[str, float]:
     for quantity in bounds if recorded else ():
         if f"{model} {role} {quantity}" in recorded.findings:
             figure = recorded[f"{model} {role} {quantity}"].number
-            bounds[quantity] = min(bounds[quantity], MACHINE * figure + ROUNDING_M)
+            bounds[quantity] = min(bounds[quantity], OTHER_MACHINES * figure + ROUNDING_M)
     return bounds
 
 
@@ -52,15 +52,15 @@ def test_a_shipped_vehicle_keeps_to_the_figures_of_the_documents_or_is_warned_of
     model: str, name: str, role: str
 ) -> None:
     """Or it is refused, and flown as the refusal advises."""
-    kept = keeping(model, name, role)
-    assert kept.outcome is Termination.COMPLETED
+    result = keeping(model, name, role)
+    assert result.outcome is Termination.COMPLETED
     # of vehicles that steer by the truth, the trial is the flight
     if role == "leader":
-        assert kept.predicted == kept.flown
-    most = figures(model, role)
-    assert kept.route_m <= most["route"]
-    assert kept.depth_m <= most["depth"]
-    assert kept.station_m <= most["station"]
+        assert result.predicted == result.flown
+    limits = largest_allowed(model, role)
+    assert result.route_m <= limits["route"]
+    assert result.depth_m <= limits["depth"]
+    assert result.station_m <= limits["station"]
 
 
 @pytest.mark.parametrize("model", ["leader", "remus100"])
@@ -74,19 +74,19 @@ def test_stations_that_slow_turners_cannot_keep_are_named_before_the_flight(mode
     scenario = library.as_scenario(table | {"navigation": {"variant": "tight"}})
     warnings = {line.split(":")[0]: line for line in trial(scenario)}
     flight, _ = fly(scenario)
-    off = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
+    distances = off_station(MotionSettings.of(flight.scenario), flight.trajectory)
     for i, name in enumerate(flight.trajectory.names[1:]):
-        kept = station_keeping(off[:, i], flight.trajectory.time)
-        assert not kept.lost
+        keeping_of_one = station_keeping(distances[:, i], flight.trajectory.time)
+        assert not keeping_of_one.lost
         if name in warnings:
             predicted = float(warnings[name].split("it is up to ")[1].split(" m off")[0])
-            assert kept.station_max_m == pytest.approx(predicted, abs=3.0)
+            assert keeping_of_one.station_max_m == pytest.approx(predicted, abs=3.0)
         else:
             # estimates add to what the trial by the truth tells
-            assert kept.station_max_m < OFF_STATION_M + 1.0
+            assert keeping_of_one.station_max_m < OFF_STATION_M + 1.0
     # a leader that turns as its followers do leaves all on their stations
-    named = warnings.keys() & set(flight.trajectory.names[1:])
-    assert bool(named) == (model == "leader")
+    warned_followers = warnings.keys() & set(flight.trajectory.names[1:])
+    assert bool(warned_followers) == (model == "leader")
 
 
 def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
@@ -103,11 +103,11 @@ def test_a_hull_that_hovers_stays_level_on_its_station() -> None:
     assert station < OFF_STATION_M
 
 
-SMALL = [(0.9, 0.12, 7.0), (1.2, 0.15, 15.0), (1.8, 0.2, 40.0), (2.4, 0.25, 80.0)]
+SMALL_HULLS = [(0.9, 0.12, 7.0), (1.2, 0.15, 15.0), (1.8, 0.2, 40.0), (2.4, 0.25, 80.0)]
 """Length and diameter [m] and mass [kg] of hulls that `laisn hull` writes."""
 
 
-@pytest.mark.parametrize("size", SMALL)
+@pytest.mark.parametrize("size", SMALL_HULLS)
 def test_check_says_how_far_a_hull_will_be_off_its_route(
     size: tuple[float, float, float], tmp_path: Path
 ) -> None:
@@ -119,11 +119,11 @@ def test_check_says_how_far_a_hull_will_be_off_its_route(
     assert checked.exit_code == 0, checked.output
     output = " ".join(checked.output.split())
     flight, _ = fly(library.load_scenario(str(file), (), flyable=True))
-    level, depth, _ = largest_deviations(flight, 1)
-    warned = "follower: it is up to" in output
-    assert warned == (level > OFF_ROUTE_M or depth > OFF_DEPTH_M)
-    if level > OFF_ROUTE_M:
-        assert f"up to {level:.1f} m off its route" in output
+    off_route, off_depth, _ = largest_deviations(flight, 1)
+    is_warned = "follower: it is up to" in output
+    assert is_warned == (off_route > OFF_ROUTE_M or off_depth > OFF_DEPTH_M)
+    if off_route > OFF_ROUTE_M:
+        assert f"up to {off_route:.1f} m off its route" in output
 
 
 def bluerov2_sdf() -> str:
@@ -136,9 +136,11 @@ def bluerov2_sdf() -> str:
         "t5": "0 -0.11 0.07 0 -1.5707963 0",
         "t6": "0 0.11 0.07 0 -1.5707963 0",
     }
-    small = "<mass>0.001</mass><inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>1e-5</izz></inertia>"
-    parts = "".join(
-        f'<link name="{name}"><pose>{pose}</pose><inertial>{small}</inertial></link>'
+    link_inertial = (
+        "<mass>0.001</mass><inertia><ixx>1e-5</ixx><iyy>1e-5</iyy><izz>1e-5</izz></inertia>"
+    )
+    thruster_parts = "".join(
+        f'<link name="{name}"><pose>{pose}</pose><inertial>{link_inertial}</inertial></link>'
         f'<joint name="{name}_joint" type="revolute"><parent>base</parent><child>{name}</child>'
         "<axis><xyz>1 0 0</xyz></axis></joint>"
         '<plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">'
@@ -149,17 +151,19 @@ def bluerov2_sdf() -> str:
     added = {"xDotU": 5.5, "yDotV": 12.7, "zDotW": 14.57, "kDotP": 0.12, "mDotQ": 0.12}
     added["nDotR"] = 0.12
     linear = {"xU": 4.03, "yV": 6.22, "zW": 5.18, "kP": 0.07, "mQ": 0.07, "nR": 0.07}
-    square = {"xUabsU": 18.18, "yVabsV": 21.66, "zWabsW": 36.99, "kPabsP": 1.55, "mQabsQ": 1.55}
-    square["nRabsR"] = 1.55
-    values = "".join(f"<{key}>{-value}</{key}>" for key, value in (added | linear | square).items())
+    quadratic = {"xUabsU": 18.18, "yVabsV": 21.66, "zWabsW": 36.99, "kPabsP": 1.55, "mQabsQ": 1.55}
+    quadratic["nRabsR"] = 1.55
+    coefficients = "".join(
+        f"<{key}>{-value}</{key}>" for key, value in (added | linear | quadratic).items()
+    )
     inertia = "<inertia><ixx>0.16</ixx><iyy>0.16</iyy><izz>0.16</izz></inertia>"
     return (
         '<sdf version="1.9"><model name="bluerov2"><link name="base"><inertial>'
         f"<pose>0 0 -0.02 0 0 0</pose><mass>11.5</mass>{inertia}</inertial><collision name='c'>"
         "<geometry><box><size>0.457 0.338 0.0755</size></box></geometry></collision></link>"
-        f"{parts}<plugin filename='gz-sim-hydrodynamics-system' "
+        f"{thruster_parts}<plugin filename='gz-sim-hydrodynamics-system' "
         "name='gz::sim::systems::Hydrodynamics'><link_name>base</link_name>"
-        f"{values}</plugin></model></sdf>"
+        f"{coefficients}</plugin></model></sdf>"
     )
 
 
@@ -174,8 +178,8 @@ def test_an_imported_hull_with_large_added_mass_flies(tmp_path: Path) -> None:
     model = str(tmp_path / "rov.xml")
 
     def mission(speed: float) -> dict[str, Any]:
-        corner = [[0, 0, 0], [30 / speed, 30, 0], [60 / speed, 30, 30]]
-        follower = {"model": model, "waypoints": corner}
+        waypoints = [[0, 0, 0], [30 / speed, 30, 0], [60 / speed, 30, 30]]
+        follower = {"model": model, "waypoints": waypoints}
         return {"duration_s": float(round(60 / speed)), "followers": [follower]}
 
     with pytest.raises(ScenarioError, match=r"cannot stabilise heave and pitch") as caught:
@@ -184,6 +188,6 @@ def test_an_imported_hull_with_large_added_mass_flies(tmp_path: Path) -> None:
     # 9.07 u² of Munk moment against 11.5 kg × 9.81 × 0.02 m of righting, at 1.3 times the legs'
     assert 1.3 * speed == pytest.approx(np.sqrt(11.5 * 9.81 * 0.02 / 9.07), abs=0.03)
     flight, _ = fly(library.as_scenario(mission(speed)))
-    level, depth, _ = largest_deviations(flight, 1)
-    assert level < OFF_ROUTE_M
-    assert depth < OFF_DEPTH_M
+    off_route, off_depth, _ = largest_deviations(flight, 1)
+    assert off_route < OFF_ROUTE_M
+    assert off_depth < OFF_DEPTH_M

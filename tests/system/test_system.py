@@ -25,8 +25,8 @@ def names(folder: Path) -> list[str]:
 def test_a_file_appears_under_its_name_when_it_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
-    with atomic_write(path) as part:
-        part.write_text("new")
+    with atomic_write(path) as part_file:
+        part_file.write_text("new")
         assert path.read_text() == "old"
     assert path.read_text() == "new"
     assert names(tmp_path) == ["a.txt"]
@@ -39,11 +39,11 @@ def test_content_reaches_the_disk_before_the_name(
     fsync, replace = os.fsync, os.replace
     monkeypatch.setattr(os, "fsync", lambda handle: calls.append("fsync") or fsync(handle))
     monkeypatch.setattr(os, "replace", lambda a, b: calls.append("replace") or replace(a, b))
-    with atomic_write(tmp_path / "a.txt") as part:
-        part.write_text("new")
+    with atomic_write(tmp_path / "a.txt") as part_file:
+        part_file.write_text("new")
     assert calls == ["fsync", "replace"]
-    with atomic_write(tmp_path / "b.txt", durable=False) as part:
-        part.write_text("new")
+    with atomic_write(tmp_path / "b.txt", durable=False) as part_file:
+        part_file.write_text("new")
     assert calls == ["fsync", "replace", "replace"]
 
 
@@ -53,8 +53,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(
 ) -> None:
     path = tmp_path / "a.txt"
     path.write_text("old")
-    with pytest.raises(error), atomic_write(path) as part:  # noqa: PT012  (the block is what fails)
-        part.write_text("ha")
+    with pytest.raises(error), atomic_write(path) as part_file:  # noqa: PT012  (the block is what fails)
+        part_file.write_text("ha")
         raise error
     assert path.read_text() == "old"
     assert names(tmp_path) == ["a.txt"]
@@ -62,8 +62,8 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(
 
 def test_new_files_have_the_mode_of_other_new_files(tmp_path: Path) -> None:
     (tmp_path / "plain").touch()
-    with atomic_write(tmp_path / "a.txt") as part:
-        part.touch()
+    with atomic_write(tmp_path / "a.txt") as part_file:
+        part_file.touch()
     assert (tmp_path / "a.txt").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
@@ -93,8 +93,8 @@ def test_a_killed_process_leaves_no_lock_and_no_partial_file_under_a_final_name(
         writer.send_signal(signal.SIGKILL)
     with locked(tmp_path, wait=False):
         pass
-    [part] = tmp_path.iterdir()
-    assert (part.suffix, part.read_text()) == (".part", "half")
+    [part_file] = tmp_path.iterdir()
+    assert (part_file.suffix, part_file.read_text()) == (".part", "half")
 
 
 OPEN_WRITER = """
@@ -126,8 +126,8 @@ def test_what_a_killed_process_left_is_removed_and_what_a_living_one_writes_is_n
         writer.send_signal(signal.SIGKILL)
         writer.wait()
         remove_unfinished(tmp_path)
-        [remaining] = names(tmp_path)
-        assert remaining.startswith(".b.txt.")
+        [remaining_name] = names(tmp_path)
+        assert remaining_name.startswith(".b.txt.")
         file.write(b"whole")
     assert names(tmp_path) == ["b.txt"]
     assert (tmp_path / "b.txt").read_bytes() == b"whole"

@@ -27,19 +27,19 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def unedited(tree: Path) -> str:
+def version_before(tree: Path) -> str:
     return version.version_of(root=tree)
 
 
-def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
-    """The fingerprint while files have a line more."""
-    whole = {name: (root / name).read_bytes() for name in names}
+def version_after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
+    """The version while `text` is appended to these files."""
+    contents = {name: (root / name).read_bytes() for name in names}
     try:
-        for name, content in whole.items():
+        for name, content in contents.items():
             (root / name).write_bytes(content + text.encode())
         return version.version_of(root=root)
     finally:
-        for name, content in whole.items():
+        for name, content in contents.items():
             (root / name).write_bytes(content)
 
 
@@ -59,21 +59,29 @@ def after_edits(root: Path, *names: str, text: str = "\n# edited\n") -> str:
     ],
 )
 def test_an_edit_of_what_computes_makes_another_version(
-    tree: Path, unedited: str, name: str
+    tree: Path, version_before: str, name: str
 ) -> None:
-    assert after_edits(tree, name) != unedited
+    assert version_after_edits(tree, name) != version_before
 
 
 @pytest.mark.system
-def test_a_docstring_is_no_part_of_the_version(tree: Path, unedited: str) -> None:
-    assert after_edits(
+def test_a_docstring_is_no_part_of_the_version(tree: Path, version_before: str) -> None:
+    assert version_after_edits(
         tree, "sim/water/currents.py", text='\n"""Other\n\nwords."""\n'
-    ) == after_edits(tree, "sim/water/currents.py", text='\n"""Words."""\n')
-    assert after_edits(tree, "sim/water/currents.py", text='\nclass Tide: "words"\n') != unedited
-    assert after_edits(tree, "sim/water/currents.py", text='\nTIDE = """words"""\n') != unedited
+    ) == version_after_edits(tree, "sim/water/currents.py", text='\n"""Words."""\n')
+    assert (
+        version_after_edits(tree, "sim/water/currents.py", text='\nclass Tide: "words"\n')
+        != version_before
+    )
+    assert (
+        version_after_edits(tree, "sim/water/currents.py", text='\nTIDE = """words"""\n')
+        != version_before
+    )
 
 
-def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, unedited: str) -> None:
+def test_edits_of_what_draws_writes_or_compares_keep_the_version(
+    tree: Path, version_before: str
+) -> None:
     edited = [
         "sim/film/render.py",
         "sim/film/overlay.py",
@@ -86,7 +94,7 @@ def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, une
         "laisn_sim/cli/main.py",
         "experiments/studies/reproduce/published_tables.csv",
     ]
-    assert after_edits(tree, *edited) == unedited
+    assert version_after_edits(tree, *edited) == version_before
 
 
 @pytest.mark.system
@@ -102,33 +110,33 @@ def test_edits_of_what_draws_writes_or_compares_keep_the_version(tree: Path, une
     ],
 )
 def test_a_module_counts_from_its_first_import_on(tree: Path, text: str) -> None:
-    new = tree / "sim" / "tides.py"
+    module = tree / "sim" / "tides.py"
     try:
-        new.write_text("HEIGHT = 1.0\n")
-        used = after_edits(tree, "sim/sensing/noise.py", text=text)
-        new.write_text("HEIGHT = 2.0\n")
-        assert after_edits(tree, "sim/sensing/noise.py", text=text) != used
+        module.write_text("HEIGHT = 1.0\n")
+        version_with_import = version_after_edits(tree, "sim/sensing/noise.py", text=text)
+        module.write_text("HEIGHT = 2.0\n")
+        assert version_after_edits(tree, "sim/sensing/noise.py", text=text) != version_with_import
     finally:
-        new.unlink()
+        module.unlink()
 
 
-def test_a_module_that_nothing_imports_does_not_count(tree: Path, unedited: str) -> None:
-    new = tree / "sim" / "tides.py"
+def test_a_module_that_nothing_imports_does_not_count(tree: Path, version_before: str) -> None:
+    module = tree / "sim" / "tides.py"
     try:
-        new.write_text("HEIGHT = 1.0\n")
-        assert version.version_of(root=tree) == unedited
+        module.write_text("HEIGHT = 1.0\n")
+        assert version.version_of(root=tree) == version_before
     finally:
-        new.unlink()
+        module.unlink()
 
 
 def test_a_renamed_entry_is_detected(tree: Path) -> None:
-    moved = tree / "sim" / "scenario" / "file.py"
-    moved.rename(tree / "file.py")
+    entry = tree / "sim" / "scenario" / "file.py"
+    entry.rename(tree / "file.py")
     try:
         with pytest.raises(ImportError, match=r"sim\.scenario\.file"):
             version.version_of(root=tree)
     finally:
-        (tree / "file.py").rename(moved)
+        (tree / "file.py").rename(entry)
 
 
 @pytest.fixture
@@ -148,41 +156,41 @@ def lookup(
 
 
 def test_a_process_reads_the_version_that_another_has_stored(
-    lookup: Callable[[], str], unedited: str, monkeypatch: pytest.MonkeyPatch
+    lookup: Callable[[], str], version_before: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert lookup() == unedited
+    assert lookup() == version_before
     with monkeypatch.context() as patched:
         patched.delattr(version, "_version")
-        assert lookup() == unedited
+        assert lookup() == version_before
 
 
 @pytest.mark.parametrize("name", ["sim/water/currents.py", "models/follower.xml"])
 def test_no_stored_version_hides_an_edit(
-    tree: Path, lookup: Callable[[], str], unedited: str, name: str
+    tree: Path, lookup: Callable[[], str], version_before: str, name: str
 ) -> None:
-    assert lookup() == unedited
-    whole = (tree / name).read_bytes()
+    assert lookup() == version_before
+    content = (tree / name).read_bytes()
     try:
-        (tree / name).write_bytes(whole + b"\n")
-        assert lookup() != unedited
+        (tree / name).write_bytes(content + b"\n")
+        assert lookup() != version_before
     finally:
-        (tree / name).write_bytes(whole)
+        (tree / name).write_bytes(content)
 
 
 @pytest.mark.parametrize("content", [b"", b"0123", b"\xff\x00"])
 def test_a_damaged_stored_version_is_replaced(
-    tmp_path: Path, lookup: Callable[[], str], unedited: str, content: bytes
+    tmp_path: Path, lookup: Callable[[], str], version_before: str, content: bytes
 ) -> None:
     lookup()
     [file] = (tmp_path / "versions").iterdir()
     file.write_bytes(content)
-    assert lookup() == unedited
-    assert file.read_text() == unedited
+    assert lookup() == version_before
+    assert file.read_text() == version_before
 
 
 @pytest.mark.system
 def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
-    """Python's own list of modules is the judge."""
+    """The modules that Python has loaded are all among the sources of the version."""
     code = f"import sys, experiments.campaign.campaign\nown = {OWN_PACKAGES!r}\n"
     code += "print(*(m for m in sys.modules if m.partition('.')[0] in own), sep='\\n')\n"
     loaded = subprocess.run(
@@ -193,9 +201,9 @@ def test_every_module_loaded_for_a_campaign_is_among_the_sources() -> None:
         for path in version.sources()
         if path.suffix == ".py"
     }
-    known = {file.removesuffix("/__init__").replace("/", ".") for file in files}
+    source_modules = {file.removesuffix("/__init__").replace("/", ".") for file in files}
     assert {"sim.simulation", "experiments.campaign.montecarlo"} <= set(loaded.split())
-    assert set(loaded.split()) <= known
+    assert set(loaded.split()) <= source_modules
 
 
 @pytest.mark.system
