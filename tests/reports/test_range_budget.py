@@ -120,7 +120,7 @@ def test_lever_arm_abeam_is_the_closed_form(slant):
         budget.asymmetry[:, Cause.LEVER_ARM], 2 * closed_form * slant / abeam, rtol=0.02
     )
     assert_allclose(budget.asymmetry[:, Cause.FORESHORTENING], 0.0, atol=1e-12)
-    # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L
+    # the intersection of the circles moves along the hull by (D_rear² − D_front²) / 2L = Δz sin φ
     shift_along_hull = (budget.used_range[:, 0] ** 2 - budget.used_range[:, 1] ** 2) / (
         4 * HALF_BASELINE
     )
