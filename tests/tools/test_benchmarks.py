@@ -37,15 +37,17 @@ from tools.documents.speed import Cost, costs
 from tools.documents.tables import speed, waiting
 
 
-def test_peers_come_to_the_same_state() -> None:
+def test_peers_of_the_lanes_reach_the_same_states() -> None:
     truth, settings = steady_mission(60), NavigationSettings()
     missions = [measure(truth, SensorErrors(), seed=1, run=run) for run in range(3)]
-    own, messages = lanes.stacked(missions)
+    readings_of_missions, messages = lanes.stacked(missions)
     fixes = np.broadcast_to(truth.start[:2, None], (messages.shape[0], 2, 3))
-    readings = own.reshape(len(own), 3, -1)[:, :2, :3]
-    together = benchmarks.vectorised_numpy(readings, fixes, truth.start, settings)
-    alone = [benchmarks.filterpy_loop(mission, truth.start, settings) for mission in missions]
-    assert together == pytest.approx(np.array(alone), abs=1e-9)
+    readings = readings_of_missions.reshape(len(readings_of_missions), 3, -1)[:, :2, :3]
+    vectorised_states = benchmarks.vectorised_numpy(readings, fixes, truth.start, settings)
+    filterpy_states = [
+        benchmarks.filterpy_loop(mission, truth.start, settings) for mission in missions
+    ]
+    assert vectorised_states == pytest.approx(np.array(filterpy_states), abs=1e-9)
 
 
 @pytest.mark.system
@@ -83,20 +85,23 @@ def test_a_goal_that_the_median_misses_is_named_and_fails_the_command(
     """Of three rounds, of which one or two miss."""
     values = {"late": iter([17.0, 25.0, 26.0]), "once": iter([17.0, 19.0, 16.0])}
 
-    def measured() -> list[Row]:
-        return [Row(name, next(of), "ns/step", goal=Goal(18.0)) for name, of in values.items()]
+    def benchmark_rows() -> list[Row]:
+        return [
+            Row(name, next(rounds_of_row), "ns/step", goal=Goal(18.0))
+            for name, rounds_of_row in values.items()
+        ]
 
-    monkeypatch.setattr(benchmarks, "BENCHMARKS", {"lanes": measured})
+    monkeypatch.setattr(benchmarks, "BENCHMARKS", {"lanes": benchmark_rows})
     path = tmp_path / "record.json"
     monkeypatch.setattr("sys.argv", ["run", "--out", str(path)])
-    with pytest.raises(SystemExit) as ended:
+    with pytest.raises(SystemExit) as exit_info:
         benchmarks.main()
     text = "1 goals are missed:\nlanes: late: 25 ns/step, the goal is ≤ 18"
-    assert ended.value.code == text
-    actual = read_findings(path)
-    assert actual["lanes: late, goal"].value == 18
-    assert actual["lanes: late, goal"].what == "at most; missed by the median"
-    assert actual["lanes: once, goal"].what == "at most; met by the median"
+    assert exit_info.value.code == text
+    recorded = read_findings(path)
+    assert recorded["lanes: late, goal"].value == 18
+    assert recorded["lanes: late, goal"].what == "at most; missed by the median"
+    assert recorded["lanes: once, goal"].what == "at most; met by the median"
 
 
 def test_what_was_not_measured_misses_no_goal() -> None:
@@ -106,7 +111,7 @@ def test_what_was_not_measured_misses_no_goal() -> None:
 
 def test_the_record_states_the_rounds_of_each_benchmark() -> None:
     """Memory is measured once, whatever is measured last."""
-    once, thrice = rounds("peak", 300.0), rounds("step", 1.0, 2.0, 3.0)
+    once, thrice = rows_of_rounds("peak", 300.0), rows_of_rounds("step", 1.0, 2.0, 3.0)
     actual = record({"navigation": [[row] for row in thrice], "memory": [once]})
     assert actual["rounds"].value == 3
     assert actual["memory: rounds"].value == 1
@@ -117,18 +122,18 @@ def test_the_time_of_a_command_is_that_of_its_processes(tmp_path: Path) -> None:
     """A child of the command works for 0.2 s of processor time; the command waits for 0.3 s."""
     work = "import time\nwhile time.process_time() < 0.2: pass"
     program = f"import subprocess, sys, time\nsubprocess.run([sys.executable, '-c', {work!r}])"
-    taken = time_of_command(("-c", f"{program}\ntime.sleep(0.3)"))
-    assert taken.processor_s >= 0.2
-    assert taken.wall_s >= 0.5
-    assert taken.processor_s < taken.wall_s
+    times = time_of_command(("-c", f"{program}\ntime.sleep(0.3)"))
+    assert times.processor_s >= 0.2
+    assert times.wall_s >= 0.5
+    assert times.processor_s < times.wall_s
     with pytest.raises(CalledProcessError):
         time_of_command(("-c", "raise SystemExit(3)"))
-    mark = tmp_path / "mark"
-    least_time_of_command(("-c", f"open({str(mark)!r}, 'a').write('.')"), 3)
-    assert mark.read_text() == "...."
+    marks_file = tmp_path / "mark"
+    least_time_of_command(("-c", f"open({str(marks_file)!r}, 'a').write('.')"), 3)
+    assert marks_file.read_text() == "...."
 
 
-def rounds(
+def rows_of_rounds(
     name: str,
     *values: float,
     ratios: tuple[float, ...] = (),
@@ -145,10 +150,10 @@ def rounds(
 
 @pytest.mark.system
 def test_the_record_has_the_median_of_the_rounds_and_their_spread() -> None:
-    filterpy = rounds(
+    filterpy = rows_of_rounds(
         "lanes", 10.0, 14.0, 11.0, ratios=(2900.0, 2000.0, 2600.0), against="filterpy", floor=3.5
     )
-    vectorised = rounds(
+    vectorised = rows_of_rounds(
         "lanes", 10.0, 14.0, 11.0, ratios=(120.0, 90.0, 100.0), against="NumPy", floor=3.5
     )
     actual = record({"navigation": [list(pair) for pair in zip(filterpy, vectorised, strict=True)]})
@@ -169,28 +174,28 @@ def test_rows_of_named_benchmarks_replace_those_of_a_record_of_this_machine() ->
     assert (values["sea: a"], values["log: c"]) == (5.0, 3.0)
     assert "sea: b" not in values
     assert (values["rounds"], values["sea: rounds"]) == (1, 2)
-    elsewhere = replace(
+    of_another_machine = replace(
         new, findings={**new.findings, "machine": plain_finding("64 cores", "where")}
     )
     with pytest.raises(LaisnError, match="this machine has 64 cores: record all benchmarks"):
-        renewed(old, elsewhere)
+        renewed(old, of_another_machine)
 
 
 def test_the_table_of_speeds_is_that_of_the_record() -> None:
     physics = []
-    for n, (step, bare) in {1: (3.0, 6.0), 10: (12.0, 15.0), 50: (60.0, 150.0)}.items():
+    for n, (step_us, mujoco_us) in {1: (3.0, 6.0), 10: (12.0, 15.0), 50: (60.0, 150.0)}.items():
         fleet = f"leader + {n}"
         physics += [
-            Row(f"{fleet}: mj_step alone, no water", bare, "µs/step"),
+            Row(f"{fleet}: mj_step alone, no water", mujoco_us, "µs/step"),
             Row(
                 f"{fleet}: with autopilot and recording",
-                step,
+                step_us,
                 "µs/step",
-                bare / step,
+                mujoco_us / step_us,
                 "mj_step",
-                bare / 2,
+                mujoco_us / 2,
             ),
-            Row(f"{fleet}: real-time factor", 20_000.0 / step, "x"),
+            Row(f"{fleet}: real-time factor", 20_000.0 / step_us, "x"),
         ]
     navigation = [
         Row("lanes, LAISN-2 filter only", 10.0, "ns/step", 2900.0, "filterpy", 3.5),
@@ -214,7 +219,7 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
         "| LAISN-3(2), with noise and metrics | 19.0 (19.0 to 19.0) ns a step |"
     )
     assert "120 (120 to 120) thousand messages/s | 8.6 MB" in lines[8]
-    filmed = record(
+    of_other_benchmarks = record(
         {
             "physics": [physics],
             "navigation": [navigation],
@@ -230,14 +235,14 @@ def test_the_table_of_speeds_is_that_of_the_record() -> None:
             ],
         }
     )
-    assert "64.0 ns a step | 0.20 times as fast" in speed({"benchmarks": filmed})
-    assert "25 frames/s" in speed({"benchmarks": filmed})
+    assert "64.0 ns a step | 0.20 times as fast" in speed({"benchmarks": of_other_benchmarks})
+    assert "25 frames/s" in speed({"benchmarks": of_other_benchmarks})
     assert "| 2.2 (2.0 to 2.5) s of the processor, 3.2 s by the clock |" in speed(
-        {"benchmarks": filmed}
+        {"benchmarks": of_other_benchmarks}
     )
 
 
-def by_name(rows: list[Row]) -> dict[tuple[str, str], Row]:
+def by_name_and_peer(rows: list[Row]) -> dict[tuple[str, str], Row]:
     return {(row.name, row.against): row for row in rows}
 
 
@@ -251,22 +256,24 @@ def test_times_of_navigation_are_reported_per_step_of_a_run(
     monkeypatch.setattr(benchmarks, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(peak, "least_time", lambda *_: 3.0)
     monkeypatch.setattr(benchmarks, "simulate", lambda _: None)
-    actual = by_name(benchmarks.navigation())
+    actual = by_name_and_peer(benchmarks.navigation())
     # 8 fused operations of 2 flops each, 10 million times in every lane
     flops = 16 * LANES * 10_000_000 / 3.0
     assert actual["peak of one core, fused multiply-adds", ""][1:3] == pytest.approx(
         (flops * 1e-9, "GF/s")
     )
-    alone, together = 3e9 / 300, 3e9 / (2000 * 60)
-    assert actual["filterpy: predict and updates only", ""].value == pytest.approx(alone)
+    ns_of_one_run, ns_of_lanes = 3e9 / 300, 3e9 / (2000 * 60)
+    assert actual["filterpy: predict and updates only", ""].value == pytest.approx(ns_of_one_run)
     readable = actual["navigator (readable engine)", "filterpy"]
-    assert (readable.value, readable.ratio) == pytest.approx((alone, 1.0))
-    for against, ratio in (("filterpy", alone / together), ("NumPy", 1.0)):
+    assert (readable.value, readable.ratio) == pytest.approx((ns_of_one_run, 1.0))
+    for against, ratio in (("filterpy", ns_of_one_run / ns_of_lanes), ("NumPy", 1.0)):
         row = actual["lanes, LAISN-2 filter only", against]
-        assert (row.value, row.unit) == (pytest.approx(together), "ns/step")
+        assert (row.value, row.unit) == (pytest.approx(ns_of_lanes), "ns/step")
         assert (row.ratio, row.floor) == pytest.approx((ratio, 200 / flops * 1e9))
-        whole = actual["lanes, LAISN-3-2 with noise and metrics", against]
-        assert (whole.value, whole.ratio) == pytest.approx((together / 5, 5 * ratio))
+        with_metrics = actual["lanes, LAISN-3-2 with noise and metrics", against]
+        assert (with_metrics.value, with_metrics.ratio) == pytest.approx(
+            (ns_of_lanes / 5, 5 * ratio)
+        )
 
 
 def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the_aims(
@@ -278,15 +285,15 @@ def test_times_of_the_tightly_coupled_navigator_are_held_against_laisn_2_and_the
     monkeypatch.setattr(
         navigators, "least_times", lambda works, _: [1e-3 * (i + 1) for i in range(len(works))]
     )
-    actual = by_name(navigators.navigator_rows())
+    actual = by_name_and_peer(navigators.navigator_rows())
     assert actual["LAISN-2 in lanes, filter only, messages every 5 s", ""].value == pytest.approx(
         50.0
     )
-    three = "tight, 3 transmitters, messages every 5 s"
-    assert actual[three, "LAISN-2"][1:6] == pytest.approx(
+    three_transmitters = "tight, 3 transmitters, messages every 5 s"
+    assert actual[three_transmitters, "LAISN-2"][1:6] == pytest.approx(
         (100.0, "ns/step", 0.5, "LAISN-2", 95 + 945 / 50)
     )
-    assert actual[three, "LAISN-2"].goal == Goal(60.0)
+    assert actual[three_transmitters, "LAISN-2"].goal == Goal(60.0)
     assert actual["tight, 2 transmitters, messages every 5 s", "LAISN-2"].goal == Goal(250.0)
     assert actual[
         "tight, 3 transmitters, the speed as a state, messages every 5 s", "LAISN-2"
@@ -351,10 +358,10 @@ def test_a_log_is_reported_in_thousand_messages_and_megabytes(
     monkeypatch.setattr(
         mission.writer, "write", lambda _, path, **__: path.write_bytes(bytes(2_500_000))
     )
-    counted = SimpleNamespace(
+    contents = SimpleNamespace(
         topics={name: SimpleNamespace(times=range(15_000)) for name in ("truth", "fix")}
     )
-    monkeypatch.setattr(mission, "Contents", lambda *_: counted)
+    monkeypatch.setattr(mission, "Contents", lambda *_: contents)
     monkeypatch.setattr(mission.reader, "read", lambda path: None)
     actual = {row.name: row for row in mission.log()}
     assert actual["messages"][1:3] == (30.0, "k")
@@ -364,7 +371,7 @@ def test_a_log_is_reported_in_thousand_messages_and_megabytes(
     assert actual["size"][1:3] == (2.5, "MB")
 
 
-def test_the_least_of_several_times_counts_of_each_that_take_turns() -> None:
+def test_works_take_turns_and_the_least_time_of_each_counts() -> None:
     seconds, turns = {"one": [0.05, 0.004, 0.02, 0.03], "other": [0.01, 0.06, 0.05, 0.03]}, []
 
     def work(name: str) -> None:

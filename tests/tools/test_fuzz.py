@@ -28,8 +28,8 @@ from tools.fuzz.case import (
 def test_no_input_gets_a_faulty_answer(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    number = search(kind, 1, 4, tmp_path)
-    assert number == 0, capsys.readouterr().out
+    n_faulty = search(kind, 1, 4, tmp_path)
+    assert n_faulty == 0, capsys.readouterr().out
 
 
 NO_WATER = FuzzCase(
@@ -48,7 +48,7 @@ NO_WATER = FuzzCase(
 
 
 def test_a_bug_in_the_program_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Such as an error that is none of the user's, where a density is looked at."""
+    """Such as an exception that is no fault of the user, where a density is compared."""
     assert faults_of(NO_WATER, answer_to(NO_WATER, tmp_path / "a")) == []
     monkeypatch.setattr(buoyancy, "MIN_DENSITY", "a number")
     answer = answer_to(NO_WATER, tmp_path / "a")
@@ -97,14 +97,14 @@ class UpToTheFirstDamage(Salvage):
 def test_chunks_that_are_given_up_are_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As logs were recovered before: up to the first broken chunk."""
+    """With a recovery that ends at the first broken chunk."""
     assert search("logs", 1, 20, tmp_path) == 0
     monkeypatch.setattr("sim.log.contents.Salvage", UpToTheFirstDamage)
     assert search("logs", 1, 20, tmp_path) > 0
     assert "messages that are intact" in capsys.readouterr().out
 
 
-def answered(
+def command_result(
     code: int, output: str = "a.csv: 1 error", files: tuple[str, ...] = ()
 ) -> CommandResult:
     return CommandResult(code, output, frozenset(files), 0.1)
@@ -113,16 +113,16 @@ def answered(
 @pytest.mark.parametrize(
     ("answer", "faults"),
     [
-        (answered(DONE, "done", ("out.mcap",)), []),
-        (answered(DONE, "done"), ["did not write out.mcap"]),
-        (answered(REFUSED), []),
-        (answered(REFUSED, "no"), ["names none of a.csv"]),
-        (answered(REFUSED, "a.csv\n" * 61), ["a page of text"]),
-        (answered(REFUSED, "a.csv" * 500), ["a page of text"]),
-        (answered(REFUSED, files=("out.mcap",)), ["half-written out.mcap"]),
-        (answered(REFUSED, "  \n"), ["silent", "names none of a.csv"]),
-        (answered(DONE, "done", ("out.mcap", "b.tmp")), ["left b.tmp"]),
-        (answered(INTERRUPTED), ["exit code 130"]),
+        (command_result(DONE, "done", ("out.mcap",)), []),
+        (command_result(DONE, "done"), ["did not write out.mcap"]),
+        (command_result(REFUSED), []),
+        (command_result(REFUSED, "no"), ["names none of a.csv"]),
+        (command_result(REFUSED, "a.csv\n" * 61), ["a page of text"]),
+        (command_result(REFUSED, "a.csv" * 500), ["a page of text"]),
+        (command_result(REFUSED, files=("out.mcap",)), ["half-written out.mcap"]),
+        (command_result(REFUSED, "  \n"), ["silent", "names none of a.csv"]),
+        (command_result(DONE, "done", ("out.mcap", "b.tmp")), ["left b.tmp"]),
+        (command_result(INTERRUPTED), ["exit code 130"]),
     ],
 )
 def test_faults_of_answers(answer: CommandResult, faults: list[str]) -> None:
@@ -131,7 +131,7 @@ def test_faults_of_answers(answer: CommandResult, faults: list[str]) -> None:
 
 
 def test_an_input_that_has_to_be_refused_may_not_succeed() -> None:
-    assert faults_of(FuzzCase(words=["x"], must_be_refused=True), answered(DONE, "done")) == [
+    assert faults_of(FuzzCase(words=["x"], must_be_refused=True), command_result(DONE, "done")) == [
         "accepted"
     ]
-    assert faults_of(FuzzCase(words=["x"], may_interrupt=True), answered(INTERRUPTED)) == []
+    assert faults_of(FuzzCase(words=["x"], may_interrupt=True), command_result(INTERRUPTED)) == []

@@ -16,7 +16,7 @@ PACKAGES = [
     for name, path in SOURCES.items()
     if path.name == "__init__.py" and name not in ("laisn", "laisn_sim", "models")
 ]
-VOCABULARY = {
+SHARED_TYPES = {
     "laisn",
     "laisn.arrays",
     "laisn.messages",
@@ -37,7 +37,7 @@ VOCABULARY = {
 """What the simulator may import of navigation: shared types, not navigators."""
 
 
-LATE = {
+ALLOWED_LATE = {
     "distributed": "optional, for clusters alone",
     "rerun": "optional, for recordings alone",
     "gtsam": "optional, for one navigator alone",
@@ -76,7 +76,7 @@ answer at once, anything.
 """
 
 
-def declared(package: str) -> set[str]:
+def declared_imports(package: str) -> set[str]:
     """What the docstring of a package allows."""
     (last,) = re.findall(
         r"^Imports:([^\"]*)", SOURCES[package].read_text(encoding="utf-8"), flags=re.MULTILINE
@@ -92,9 +92,9 @@ def members(package: str) -> list[str]:
     """Modules of a package itself, not of a package within it."""
     inner = [other for other in PACKAGES if other != package and within(other, package)]
     return [
-        m
-        for m in import_graph.imports()
-        if within(m, package) and not any(within(m, other) for other in inner)
+        module
+        for module in import_graph.imports()
+        if within(module, package) and not any(within(module, other) for other in inner)
     ]
 
 
@@ -104,9 +104,9 @@ def test_a_package_imports_what_its_docstring_lists_and_no_more(package: str) ->
     used = {
         name for module in members(package) for name in imports[module] if not within(name, package)
     }
-    allowed = declared(package)
-    assert not {name for name in used if not any(within(name, a) for a in allowed)}
-    assert not {a for a in allowed if not any(within(name, a) for name in used)}, (
+    allowed = declared_imports(package)
+    assert not {name for name in used if not any(within(name, entry) for entry in allowed)}
+    assert not {entry for entry in allowed if not any(within(name, entry) for name in used)}, (
         "declared, but not used"
     )
 
@@ -151,7 +151,9 @@ def test_a_package_imports_only_those_below_it() -> None:
 def test_nothing_imports_the_command() -> None:
     imports = import_graph.imports()
     outside = [module for module in imports if not within(module, "laisn_sim")]
-    assert not [m for m in outside for name in imports[m] if within(name, "laisn_sim")]
+    assert not [
+        module for module in outside for name in imports[module] if within(name, "laisn_sim")
+    ]
 
 
 def imported_by(package: str) -> set[tuple[str, str]]:
@@ -164,55 +166,62 @@ def imported_by(package: str) -> set[tuple[str, str]]:
     }
 
 
-def knowing(library: str) -> list[str]:
+def importers_of(library: str) -> list[str]:
     """Modules of `laisn` that import a library."""
-    line = re.compile(rf"^\s*(import|from) {library}", flags=re.MULTILINE)
+    import_line = re.compile(rf"^\s*(import|from) {library}", flags=re.MULTILINE)
     return [
-        m
-        for m in SOURCES
-        if within(m, "laisn") and line.search(SOURCES[m].read_text(encoding="utf-8"))
+        module
+        for module in SOURCES
+        if within(module, "laisn")
+        and import_line.search(SOURCES[module].read_text(encoding="utf-8"))
     ]
 
 
 def test_laisn_imports_no_simulator() -> None:
     assert {pair for pair in imported_by("laisn") if not within(pair[1], "laisn")} == set()
-    assert knowing("mujoco") == []
+    assert importers_of("mujoco") == []
 
 
 def test_sim_imports_from_laisn_only_the_shared_types() -> None:
     actual = imported_by("sim")
     assert {pair for pair in actual if within(pair[1], "experiments")} == set()
     assert {
-        pair for pair in actual if within(pair[1], "laisn") and pair[1] not in VOCABULARY
+        pair for pair in actual if within(pair[1], "laisn") and pair[1] not in SHARED_TYPES
     } == set()
 
 
 def test_one_module_imports_filterpy() -> None:
-    assert knowing("filterpy") == ["laisn.navigator"]
+    assert importers_of("filterpy") == ["laisn.navigator"]
 
 
-def late(path: Path) -> set[str]:
+def late_imports(path: Path) -> set[str]:
     """What a source imports within functions."""
-    inside = [node for node, late in import_graph.import_statements(path) if late]
-    plain = {alias.name for node in inside if isinstance(node, ast.Import) for alias in node.names}
-    modules = [
-        (node.module or "", node.names) for node in inside if isinstance(node, ast.ImportFrom)
+    statements = [node for node, is_late in import_graph.import_statements(path) if is_late]
+    names = {
+        alias.name for node in statements if isinstance(node, ast.Import) for alias in node.names
+    }
+    from_imports = [
+        (node.module or "", node.names) for node in statements if isinstance(node, ast.ImportFrom)
     ]
-    return plain | {f"{module}.{alias.name}" for module, names in modules for alias in names}
+    return names | {f"{module}.{alias.name}" for module, names in from_imports for alias in names}
 
 
 def test_an_import_within_a_function_has_its_reason() -> None:
-    actual = {m: late(path) for m, path in SOURCES.items() if not within(m, "laisn_sim")}
-    assert not {
-        (m, name)
-        for m, names in actual.items()
-        for name in names
-        if not any(within(name, x) for x in LATE)
+    late_by_module = {
+        module: late_imports(path)
+        for module, path in SOURCES.items()
+        if not within(module, "laisn_sim")
     }
-    used = set().union(*actual.values())
-    assert not {name for name in LATE if not any(within(one, name) for one in used)}, (
-        "allowed, but not used"
-    )
+    assert not {
+        (module, name)
+        for module, names in late_by_module.items()
+        for name in names
+        if not any(within(name, allowed) for allowed in ALLOWED_LATE)
+    }
+    used = set().union(*late_by_module.values())
+    assert not {
+        name for name in ALLOWED_LATE if not any(within(imported, name) for imported in used)
+    }, "allowed, but not used"
 
 
 def test_imports_inside_functions_and_branches_are_found(tmp_path: Path) -> None:

@@ -25,7 +25,9 @@ EQUIVALENT = Path("tools/mutants/equivalent.toml")
         ),
     ],
 )
-def test_the_covering_a_source_are_those_of_its_name_and_room(file: str, first: str) -> None:
+def test_tests_that_cover_a_source_begin_with_those_of_its_name_and_folder(
+    file: str, first: str
+) -> None:
     home, elsewhere = covering(file)
     assert home[0] == first
     assert {test.rpartition("/")[0] for test in home} == {first.rpartition("/")[0]}
@@ -45,7 +47,7 @@ def test_what_is_tested_in_another_folder_is_covered_there() -> None:
     assert covering("laisn/arrays.py").elsewhere == []
 
 
-def test_what_tests_share_counts_as_theirs() -> None:
+def test_imports_of_modules_that_tests_share_count_as_those_of_the_test() -> None:
     """The tank imports the plant, and the test of hydrodynamics the tank."""
     assert distances()["tests/sim/vehicle/test_hydrodynamics.py"]["sim.vehicle.plant"] == 1
 
@@ -56,5 +58,9 @@ def test_mutants_that_are_listed_as_equivalent_are_of_lines_that_exist() -> None
         file: [line.strip() for line in Path(file).read_text(encoding="utf-8").splitlines()]
         for file in {entry["file"] for entry in entries}
     }
-    missing = [e for e in entries if any(x not in lines[e["file"]] for x in e["was"].split("\n"))]
+    missing = [
+        entry
+        for entry in entries
+        if any(line not in lines[entry["file"]] for line in entry["was"].split("\n"))
+    ]
     assert not missing

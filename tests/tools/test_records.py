@@ -22,7 +22,7 @@ from sim.simulation import simulate_motion
 from sim.water.assembly import ocean_of
 
 ROOT = Path(__file__).resolve().parents[2]
-LOOSE = ("sim/log/", "sim/gazebo/", "sim/datasets/table_", "laisn/rivals/speed_modes.py")
+NOT_FROZEN = ("sim/log/", "sim/gazebo/", "sim/datasets/table_", "laisn/rivals/speed_modes.py")
 """Dataclasses of files, which grow while they are read, and the state of a filter."""
 
 
@@ -34,8 +34,8 @@ def dataclasses_of(package: str) -> Iterator[tuple[str, dict[str, bool]]]:
         if b"dataclass" not in source:
             continue
         for node in ast.walk(ast.parse(source)):
-            for made_by in node.decorator_list if isinstance(node, ast.ClassDef) else ():
-                call = made_by if isinstance(made_by, ast.Call) else ast.Call(made_by, [], [])
+            for decorator in node.decorator_list if isinstance(node, ast.ClassDef) else ():
+                call = decorator if isinstance(decorator, ast.Call) else ast.Call(decorator, [], [])
                 if isinstance(call.func, ast.Name) and call.func.id == "dataclass":
                     options = {
                         k.arg or "": isinstance(k.value, ast.Constant) and bool(k.value.value)
@@ -53,10 +53,10 @@ def test_records_are_frozen_and_made_by_name(package: str) -> None:
         for name, options in actual.items()
         if not (options.get("frozen") and options.get("kw_only"))
     ]
-    assert [name for name in wrong if not name.startswith(LOOSE)] == []
+    assert [name for name in wrong if not name.startswith(NOT_FROZEN)] == []
 
 
-def records() -> dict[str, Any]:
+def new_records() -> dict[str, Any]:
     """One of each kind."""
     scenario = Scenario(
         name="T5",
@@ -69,7 +69,7 @@ def records() -> dict[str, Any]:
     trajectory = simulate_motion(scenario)
     flight = navigate(scenario, trajectory, Navigator)
     route = routes_of(MissionPlan.of(scenario))[1]
-    made = (
+    all_records = (
         trajectory,
         observe(trajectory, SensingSettings.of(scenario)),
         flight.measurements[0],
@@ -82,12 +82,12 @@ def records() -> dict[str, Any]:
         OtherEstimate(label="other", colour=(0.0, 0.0, 0.0), position=np.zeros((4, 2))),
         RayErrors(label="error", value=np.zeros((4, 3)), limit=1.0),
     )
-    return {type(record).__name__: record for record in made}
+    return {type(record).__name__: record for record in all_records}
 
 
 @pytest.fixture(scope="module")
-def made() -> dict[str, Any]:
-    return records()
+def records_by_kind() -> dict[str, Any]:
+    return new_records()
 
 
 @pytest.mark.parametrize(
@@ -105,33 +105,37 @@ def made() -> dict[str, Any]:
         "RayErrors",
     ],
 )
-def test_a_record_shares_no_array_with_its_caller(made: dict[str, Any], name: str) -> None:
-    record = made[name]
-    held = {f.name: getattr(record, f.name) for f in fields(record)}
-    given = {key: value.copy() for key, value in held.items() if isinstance(value, np.ndarray)}
-    assert given
-    other = replace(record, **{key: value[...] for key, value in given.items()})
-    for key, value in given.items():
+def test_a_record_shares_no_array_with_its_caller(
+    records_by_kind: dict[str, Any], name: str
+) -> None:
+    record = records_by_kind[name]
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    passed_arrays = {
+        key: value.copy() for key, value in values.items() if isinstance(value, np.ndarray)
+    }
+    assert passed_arrays
+    other = replace(record, **{key: value[...] for key, value in passed_arrays.items()})
+    for key, value in passed_arrays.items():
         value[...] = 7
-        kept = getattr(other, key)
+        stored = getattr(other, key)
         # of records as well, whose NaNs NumPy takes for unequal
-        assert kept.tobytes() == held[key].tobytes()
+        assert stored.tobytes() == values[key].tobytes()
         with pytest.raises(ValueError, match="read-only"):
-            kept[...] = 7
+            stored[...] = 7
         with pytest.raises(ValueError, match="cannot set WRITEABLE"):
-            held[key][...].flags.writeable = True
+            values[key][...].flags.writeable = True
 
 
-def test_read_only_arrays_are_shared(made: dict[str, Any]) -> None:
-    record = made["Measurements"]
+def test_read_only_arrays_are_shared(records_by_kind: dict[str, Any]) -> None:
+    record = records_by_kind["Measurements"]
     assert np.shares_memory(replace(record, dt=0.2).speed, record.speed)
     n = record.speed.size
     table = np.zeros((3, n))
-    seen, apart = table[0], np.zeros((n, 2))
-    for array in (seen, apart):
+    row_of_table, strided = table[0], np.zeros((n, 2))
+    for array in (row_of_table, strided):
         array.flags.writeable = False
     # the owner of the whole array can write its rows
-    other = replace(record, speed=seen, depth=apart[:, 1])
+    other = replace(record, speed=row_of_table, depth=strided[:, 1])
     table[...] = 7
     assert not other.speed.any()
     # compiled code takes arrays in one piece

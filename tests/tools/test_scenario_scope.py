@@ -63,8 +63,8 @@ def functions_with_scenario(source: str) -> list[str]:
     # to parse a source takes long, and most do not name it
     for node in ast.walk(ast.parse(source)) if "Scenario" in source else ():
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-            a = node.args
-            parameters = [*a.posonlyargs, *a.args, *a.kwonlyargs]
+            arguments = node.args
+            parameters = [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]
             if any(takes_scenario(parameter.annotation) for parameter in parameters):
                 names.append(node.name)
     return names
@@ -87,19 +87,23 @@ def test_functions_that_take_a_scenario_are_told_from_others(
 
 
 def test_only_what_is_at_the_top_takes_a_whole_scenario() -> None:
-    taking = Counter[str]()
+    count_by_module = Counter[str]()
     names: dict[str, list[str]] = {}
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")):
             module = path.relative_to(ROOT).as_posix()
             names[module] = functions_with_scenario(path.read_text("utf-8"))
-            taking[module] = len(names[module])
-    more = {
+            count_by_module[module] = len(names[module])
+    too_many = {
         module: names[module]
-        for module, number in taking.items()
-        if number > AT_THE_TOP.get(module, 0)
+        for module, count in count_by_module.items()
+        if count > AT_THE_TOP.get(module, 0)
     }
-    assert more == {}, "take what is read of a scenario, or a part of `sim.scenario.parts`"
-    fewer = {module: most for module, most in AT_THE_TOP.items() if taking[module] < most}
-    assert fewer == {}, "lower these numbers, so that they do not grow again"
-    assert taking.total() < 40
+    assert too_many == {}, "take what is read of a scenario, or a part of `sim.scenario.parts`"
+    too_few = {
+        module: allowed
+        for module, allowed in AT_THE_TOP.items()
+        if count_by_module[module] < allowed
+    }
+    assert too_few == {}, "lower these numbers, so that they do not grow again"
+    assert count_by_module.total() < 40

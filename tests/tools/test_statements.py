@@ -25,7 +25,7 @@ def _is_truth(node: ast.expr) -> bool:
     )
 
 
-def packed(source: str) -> Iterator[str]:
+def packed_expressions(source: str) -> Iterator[str]:
     """A line for each packed expression of a source."""
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.IfExp):
@@ -49,14 +49,14 @@ def test_no_expression_has_to_be_unpacked(package: str) -> None:
     files = sorted((ROOT / package).rglob("*.py"))
     assert files
     lines = {
-        str(path.relative_to(ROOT)): list(packed(path.read_text(encoding="utf-8")))
+        str(path.relative_to(ROOT)): list(packed_expressions(path.read_text(encoding="utf-8")))
         for path in files
     }
     assert {name: of_file for name, of_file in lines.items() if of_file} == {}
 
 
 @pytest.mark.parametrize(
-    ("source", "number"),
+    ("source", "n_packed"),
     [
         ("a if b else c if d else e", 1),
         ("a if b else c", 0),
@@ -70,5 +70,5 @@ def test_no_expression_has_to_be_unpacked(package: str) -> None:
         ("next(a for a in c)", 0),
     ],
 )
-def test_what_has_to_be_unpacked(source: str, number: int) -> None:
-    assert len(list(packed(source))) == number
+def test_expressions_that_have_to_be_unpacked_are_found(source: str, n_packed: int) -> None:
+    assert len(list(packed_expressions(source))) == n_packed

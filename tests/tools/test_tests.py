@@ -98,19 +98,21 @@ def files() -> list[Path]:
 def test_each_folder_is_that_of_a_package(files: list[Path]) -> None:
     assert len(files) > 200
     assert folder_errors(files) == []
-    stray = TESTS / "sim" / "boats" / "test_sail.py"
-    assert folder_errors([stray]) == [f"{stray}: there is no package sim/boats"]
+    without_package_folder = TESTS / "sim" / "boats" / "test_sail.py"
+    assert folder_errors([without_package_folder]) == [
+        f"{without_package_folder}: there is no package sim/boats"
+    ]
 
 
 def test_files_are_named_after_modules_unless_several_meet(files: list[Path]) -> None:
-    others = {
+    named_otherwise = {
         path.relative_to(TESTS).as_posix()
         for path in files
         if path.name.startswith("test_")
         and path.relative_to(TESTS).parts[0] not in WITHOUT_PACKAGE
         and not is_named_after_a_module(path)
     }
-    assert others == OF_SEVERAL_MODULES
+    assert named_otherwise == OF_SEVERAL_MODULES
     assert is_named_after_a_module(TESTS / "sim" / "test_tracking_contact.py")
     assert is_named_after_a_module(TESTS / "laisn_sim" / "test_laisn_sim.py")
     assert not is_named_after_a_module(TESTS / "sim" / "test_trackings.py")

@@ -12,11 +12,11 @@ from laisn_sim.cli.main import app
 
 WORKFLOWS = sorted(Path(".github/workflows").glob("*.yml"))
 TEMPLATES = sorted(Path(".github/ISSUE_TEMPLATE").glob("*.yml"))
-REQUIRED = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
-OLDEST = REQUIRED["project"]["requires-python"].removeprefix(">=")
+PROJECT_FILE = tomllib.loads(Path("pyproject.toml").read_text(encoding="utf-8"))
+OLDEST_PYTHON = PROJECT_FILE["project"]["requires-python"].removeprefix(">=")
 
 
-def commands() -> list[str]:
+def run_lines() -> list[str]:
     """All lines that the jobs run."""
     jobs = [
         job
@@ -31,7 +31,7 @@ def commands() -> list[str]:
     ]
 
 
-def versions() -> list[str]:
+def python_versions() -> list[str]:
     """Versions of Python on which the tests run."""
     (path,) = WORKFLOWS
     jobs = yaml.safe_load(path.read_text(encoding="utf-8"))["jobs"]
@@ -42,22 +42,22 @@ def test_tests_lint_documents_and_a_wheel_are_made_by_targets_of_the_makefile() 
     makefile = Path("Makefile").read_text(encoding="utf-8").replace("$(VENV)", ".venv")
     names = re.findall(r"^([\w./ -]+):", makefile, flags=re.MULTILINE)
     targets = {name for line in names for name in line.split()}
-    made = [line.split()[1] for line in commands() if line.startswith("make ")]
-    assert set(made) <= targets
-    assert {"test-all", "check", "docs"} <= set(made)
-    assert any("-m build --wheel" in line for line in commands())
+    targets_run = [line.split()[1] for line in run_lines() if line.startswith("make ")]
+    assert set(targets_run) <= targets
+    assert {"test-all", "check", "docs"} <= set(targets_run)
+    assert any("-m build --wheel" in line for line in run_lines())
 
 
 def test_the_oldest_python_that_is_allowed_is_tested_and_newer_ones() -> None:
-    assert versions()[0] == OLDEST
-    assert len(versions()) >= 3
+    assert python_versions()[0] == OLDEST_PYTHON
+    assert len(python_versions()) >= 3
 
 
 def test_the_wheel_is_flown_by_options_that_exist() -> None:
-    (line,) = (line for line in commands() if "bin/laisn fly" in line)
-    shown = CliRunner().invoke(app, ["fly", "--help"], env={"COLUMNS": "200"}).output
+    (line,) = (line for line in run_lines() if "bin/laisn fly" in line)
+    help_text = CliRunner().invoke(app, ["fly", "--help"], env={"COLUMNS": "200"}).output
     for option in re.findall(r"--[a-z-]+", line):
-        assert option in shown
+        assert option in help_text
 
 
 @pytest.mark.parametrize("path", TEMPLATES, ids=lambda path: path.stem)

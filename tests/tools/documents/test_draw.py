@@ -22,7 +22,7 @@ from tools.documents import draw
 COLOURS = ((200, 40, 40), (40, 160, 40), (40, 40, 200))
 
 
-def test_the_whole_turn_of_the_formation_is_in_it() -> None:
+def test_the_picture_shows_the_whole_turn_of_the_formation() -> None:
     """The last follower passes the corner of the leader's L as many seconds after it as it is
     metres behind.
     """
@@ -30,15 +30,17 @@ def test_the_whole_turn_of_the_formation_is_in_it() -> None:
     leader = routes_of(MissionPlan.of(scenario))[0]
     legs = np.diff(leader.waypoint, axis=0)
     assert legs[0] @ legs[1] == pytest.approx(0.0, abs=1e-6), "a square corner"
-    corner = leader.time[1]
-    last = max(follower.station.behind_m for follower in scenario.followers if follower.station)
+    corner_time = leader.time[1]
+    farthest_behind_m = max(
+        follower.station.behind_m for follower in scenario.followers if follower.station
+    )
     begin, end = draw.TURN_S
     # wings begin to turn before their station does, and the formation's frame goes on turning
-    assert begin + 30.0 <= corner
-    assert corner + last / 1.0 + 30.0 <= end <= scenario.duration_s
+    assert begin + 30.0 <= corner_time
+    assert corner_time + farthest_behind_m / 1.0 + 30.0 <= end <= scenario.duration_s
 
 
-def test_it_is_the_film_of_a_stretch_from_above(
+def test_the_picture_has_all_frames_of_a_film_of_the_stretch_from_above(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     filmed: list[tuple[FlightRecord, Any]] = []
@@ -68,8 +70,8 @@ def test_it_is_the_film_of_a_stretch_from_above(
         )
         for i, colour in enumerate(COLOURS):
             picture.seek(i)
-            seen = np.asarray(picture.convert("RGB"), dtype=np.float64).mean(axis=(0, 1))
-            np.testing.assert_allclose(seen, colour, atol=12.0)
+            mean_colour = np.asarray(picture.convert("RGB"), dtype=np.float64).mean(axis=(0, 1))
+            np.testing.assert_allclose(mean_colour, colour, atol=12.0)
             # as long as a frame of the film
             assert picture.info["duration"] * video.frame_rate_hz == 1000
         assert picture.info["loop"] == 0

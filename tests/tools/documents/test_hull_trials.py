@@ -19,13 +19,12 @@ from tools.documents import hull_trials
 from tools.documents.markers import RECORDS
 from tools.documents.physics import PUBLISHED_SPEED, PUBLISHED_TURN
 
-LAG = dict(zip(PUBLISHED_SPEED, (6.013, 5.0, 4.0, 3.0, 2.5, 2.007), strict=True))
-"""How long a hull takes to 63 % of its speed, by propeller speed, between two instants of its
-history [s].
-"""
+LAG_S = dict(zip(PUBLISHED_SPEED, (6.013, 5.0, 4.0, 3.0, 2.5, 2.007), strict=True))
+"""Time constants [s] of the surge of known motions, by propeller speed; some lie between two
+instants of the history."""
 
 
-def moved(
+def known_motion(
     rpm: float, duration: float, rudder_deg: float = 0.0, stern_plane_deg: float = 0.0
 ) -> tuple[Any, Floats]:
     """A hull that speeds up as 1 − exp(−t / T), turns 2 % too quickly, or pitches by a
@@ -33,12 +32,12 @@ def moved(
     """
     history = np.zeros((round(duration / remus.DT), 6))
     time = remus.DT * np.arange(len(history))
-    history[:, 0] = PUBLISHED_SPEED[round(rpm)] * -np.expm1(-time / LAG[round(rpm)])
+    history[:, 0] = PUBLISHED_SPEED[round(rpm)] * -np.expm1(-time / LAG_S[round(rpm)])
     pitch = 0.0
     if rudder_deg:
         history[:, 0], history[:, 1] = 0.6 * rpm / 1000.0, -0.8 * rpm / 1000.0
-        most = 1.02 if rudder_deg == 10 else 0.99
-        history[:, 5] = -np.deg2rad(most * PUBLISHED_TURN[round(rpm)][round(rudder_deg)])
+        rate_factor = 1.02 if rudder_deg == 10 else 0.99
+        history[:, 5] = -np.deg2rad(rate_factor * PUBLISHED_TURN[round(rpm)][round(rudder_deg)])
     if stern_plane_deg:
         assert stern_plane_deg == -5.0
         pitch = -np.deg2rad(rpm / 100.0)
@@ -46,7 +45,7 @@ def moved(
 
 
 def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remus, "run", moved)
+    monkeypatch.setattr(remus, "run", known_motion)
     actual = {name: finding.value for name, finding in hull_trials._remus().items()}
     for rpm, speed in PUBLISHED_SPEED.items():
         # after 100 s nothing is left of the lag but exp(−100 / T) of the slowest
@@ -68,10 +67,11 @@ def test_trials_are_read_as_speeds_rises_turns_and_pitch(monkeypatch: pytest.Mon
 
 
 def test_the_righting_period_is_that_of_the_closed_form() -> None:
-    """A hull of mass m and moment I about its middle, its weight h below: it turns about a point
-    that is free to surge.
+    """A hull of mass m and moment of inertia I about its middle, with its centre of gravity h
+    below, that is free to surge.
 
-    I + m h² + A55 less (m h)² / (m + A11) swings under m g h (Newton's law for both, linearised).
+    By the linearised equations of surge and pitch, the inertia I + m h² + A55 − (m h)² / (m + A11)
+    swings under the stiffness m g h.
     """
     arm = 0.02
     inertia = SPHEROID_INERTIA[1] + SPHEROID_MASS * arm**2 + SPHEROID_ADDED[4, 4]
@@ -94,9 +94,9 @@ def test_estimates_of_the_record_are_those_of_this_code() -> None:
 def test_motions_of_the_record_are_those_of_this_code() -> None:
     """A hundred seconds of Fossen's model, term by term, beside ours."""
     motions = hull_trials._fossen()
-    of_fossen = {f"remus {name} " for name in ("ours", *hull_trials.REMUS_TERMS)}
+    prefixes = {f"remus {name} " for name in ("ours", *hull_trials.REMUS_TERMS)}
     assert {*motions} == {
-        name for name in RECORDED.findings if any(name.startswith(each) for each in of_fossen)
+        name for name in RECORDED.findings if any(name.startswith(prefix) for prefix in prefixes)
     }
     for name, finding in motions.items():
         assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6), name

@@ -23,52 +23,52 @@ from tools.documents import real_ranges as study
 
 
 @cache
-def recorded() -> dict[str, float]:
+def recorded_figures() -> dict[str, float]:
     return {
-        name: float(actual.value or 0.0)
-        for name, actual in markers.records()["real-ranges"].findings.items()
+        name: float(finding.value or 0.0)
+        for name, finding in markers.records()["real-ranges"].findings.items()
     }
 
 
 @pytest.mark.parametrize("name", study.SETS)
 def test_two_beacons_at_a_time_hold_the_robot_within_decimetres(name: str) -> None:
-    actual = recorded()
-    assert actual[f"pairs tight {name}"] <= 0.40
-    assert actual[f"worst-pair tight {name}"] <= 0.50
-    assert actual[f"high tight {name}"] <= 1.0
-    assert actual[f"nees-least tight {name}"] > 0.9
-    assert actual[f"nees-most tight {name}"] < 3.5
+    figures = recorded_figures()
+    assert figures[f"pairs tight {name}"] <= 0.40
+    assert figures[f"worst-pair tight {name}"] <= 0.50
+    assert figures[f"high tight {name}"] <= 1.0
+    assert figures[f"nees-least tight {name}"] > 0.9
+    assert figures[f"nees-most tight {name}"] < 3.5
 
 
 @pytest.mark.parametrize("name", study.SETS)
-def test_all_beacons_hold_it_closer(name: str) -> None:
-    actual = recorded()
-    assert actual[f"all tight {name}"] <= 0.28
-    assert actual[f"all-high tight {name}"] <= 0.7
-    assert 1.0 < actual[f"all-nees tight {name}"] < 3.5
+def test_all_beacons_hold_the_robot_closer(name: str) -> None:
+    figures = recorded_figures()
+    assert figures[f"all tight {name}"] <= 0.28
+    assert figures[f"all-high tight {name}"] <= 0.7
+    assert 1.0 < figures[f"all-nees tight {name}"] < 3.5
 
 
 @pytest.mark.parametrize("name", study.SETS)
 def test_an_unknown_start_costs_nothing_after_a_minute(name: str) -> None:
-    actual = recorded()
-    assert actual[f"pairs unknown-start {name}"] <= 0.45
-    assert actual[f"worst-pair unknown-start {name}"] <= 0.50
+    figures = recorded_figures()
+    assert figures[f"pairs unknown-start {name}"] <= 0.45
+    assert figures[f"worst-pair unknown-start {name}"] <= 0.50
 
 
 @pytest.mark.system
-def test_the_record_is_what_comes_out() -> None:
-    """Of the data set whose ranges are fewer; both by all navigators take half a minute."""
+def test_the_record_is_what_the_navigators_reach_now() -> None:
+    """For the data set with fewer ranges and two navigators, as all of them take half a minute."""
     fresh = study.findings_of("Plaza2", study.scores("Plaza2", ("tight", "unknown-start")))
     assert len(fresh) == 16
     for name, finding in fresh.items():
-        assert finding.value == pytest.approx(recorded()[name], rel=0.03), (
+        assert finding.value == pytest.approx(recorded_figures()[name], rel=0.03), (
             f"{name}: run make studies"
         )
 
 
-def test_the_medium_is_found() -> None:
-    _, recorded = next(study.recordings("Plaza2"))
-    assert navigate_among_beacons(recorded, BeaconReplaySettings())[1] == "air"
+def test_the_medium_of_a_recording_is_found() -> None:
+    _, recording = next(study.recordings("Plaza2"))
+    assert navigate_among_beacons(recording, BeaconReplaySettings())[1] == "air"
 
 
 def test_errors_are_those_at_the_times_of_the_survey() -> None:
@@ -106,8 +106,8 @@ def test_errors_are_those_at_the_times_of_the_survey() -> None:
     assert np.isnan(score(estimates, measured, truth[:1]).mean)
 
 
-def test_settings_follow_the_medium_but_for_what_is_given() -> None:
-    expected = beacon_settings(
+def test_settings_are_those_of_the_medium_except_what_users_set() -> None:
+    user_settings = beacon_settings(
         {
             "medium": "water",
             "heading_sigma_deg": 2,
@@ -115,11 +115,11 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
             "slip_m_sqrt_s": 0.3,
         }
     )
-    made = expected.over(MEDIA["water"])
-    assert made.heading_sigma == pytest.approx(np.deg2rad(2))
-    assert made.gyro_bias_sigma == pytest.approx(np.deg2rad(0.1))
-    assert made.slip == 0.3
-    assert made.range_scale_sigma == MEDIA["water"].range_scale_sigma
+    settings = user_settings.over(MEDIA["water"])
+    assert settings.heading_sigma == pytest.approx(np.deg2rad(2))
+    assert settings.gyro_bias_sigma == pytest.approx(np.deg2rad(0.1))
+    assert settings.slip == 0.3
+    assert settings.range_scale_sigma == MEDIA["water"].range_scale_sigma
     with pytest.raises(LaisnError) as caught:
         beacon_settings({"outlier_probability": 1.0, "start_sigma_m": 0})
     assert "beacons.outlier_probability: Input should be less than 1" in str(caught.value)
@@ -127,8 +127,8 @@ def test_settings_follow_the_medium_but_for_what_is_given() -> None:
 
 
 def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
-    usual = BeaconSettings()
-    for name, lacking in (
+    defaults = BeaconSettings()
+    for name, replaced_settings in (
         ("steady-gyro", {"gyro_bias_sigma": 0.0}),
         ("exact-speed", {"speed_scale_sigma": 0.0}),
         ("exact-beacons", {"survey_sigma": 0.0, "range_offset_sigma": 0.0}),
@@ -136,31 +136,31 @@ def test_variants_among_beacons_lack_the_states_that_they_name() -> None:
         ("unknown-start", {"known_start": False}),
         ("tight", {}),
     ):
-        assert study.BEACON_SETTINGS[name].over(usual) == replace(
-            usual, **{"known_start": True} | lacking
+        assert study.BEACON_SETTINGS[name].over(defaults) == replace(
+            defaults, **{"known_start": True} | replaced_settings
         )
     assert {
-        expected.medium
-        for name, expected in study.BEACON_SETTINGS.items()
+        settings.medium
+        for name, settings in study.BEACON_SETTINGS.items()
         if name not in ("tight", "unknown-start")
     } == {"air"}
     assert len(study.BEACON_SETTINGS) == 6
 
 
-def test_the_record_has_the_median_the_worst_and_all() -> None:
+def test_the_record_has_median_and_worst_of_pairs_and_the_score_of_all_beacons() -> None:
     """Six pairs whose errors are 1 to 6 m, 95 % of them within twice as much, NEES half as much;
     all four 0.5 m.
     """
     pairs = list(combinations("1234", 2))
-    each = {
+    scores_of_pairs = {
         pair: Score(float(k), 1.5 * k, 2.0 * k, 0.5 * k)
         for k, pair in zip((3, 6, 1, 5, 2, 4), pairs, strict=True)
     }
-    actual = study.findings_of(
-        "Plaza1", {"tight": each | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}}
+    findings = study.findings_of(
+        "Plaza1", {"tight": scores_of_pairs | {tuple("1234"): Score(0.5, 0.6, 0.7, 0.8)}}
     )
     assert {
-        key.removesuffix(" tight Plaza1"): finding.value for key, finding in actual.items()
+        key.removesuffix(" tight Plaza1"): finding.value for key, finding in findings.items()
     } == {
         "pairs": 3.5,
         "worst-pair": 6.0,
@@ -180,23 +180,23 @@ def test_range_errors_are_reported_as_scale_and_residual(monkeypatch: pytest.Mon
     time = np.arange(0.0, 100.0)
     truth = np.column_stack([time, time, np.zeros(100), np.zeros(100)])
     data = study.read_data_set(study.DATA / "Plaza1.mat")
-    places, beacon = np.array([[0.0, 3000.0], [50.0, -4000.0]]), np.arange(90) % 2
-    received = np.arange(90) + 0.5
-    true = np.hypot(received - places[beacon, 0], places[beacon, 1])
-    spread = np.where(np.arange(90) // 2 % 2, 0.5, -0.5)
-    moved = replace(
+    positions, beacon = np.array([[0.0, 3000.0], [50.0, -4000.0]]), np.arange(90) % 2
+    range_time = np.arange(90) + 0.5
+    true_ranges = np.hypot(range_time - positions[beacon, 0], positions[beacon, 1])
+    residual = np.where(np.arange(90) // 2 % 2, 0.5, -0.5)
+    altered = replace(
         data,
         truth=truth[:, : data.truth.shape[1]],
-        places=places,
-        range_time=received,
+        places=positions,
+        range_time=range_time,
         range_beacon=beacon,
-        ranges=1.03 * true + spread,
+        ranges=1.03 * true_ranges + residual,
     )
-    monkeypatch.setattr(study, "read_data_set", lambda _: moved)
-    actual = study.ranges_of("Plaza1")
-    assert actual["ranges Plaza1"].value == 90
-    assert actual["scale Plaza1"].value == pytest.approx(0.03, abs=1e-5)
-    assert actual["sigma Plaza1"].value == pytest.approx(0.5, rel=1e-3)
+    monkeypatch.setattr(study, "read_data_set", lambda _: altered)
+    findings = study.ranges_of("Plaza1")
+    assert findings["ranges Plaza1"].value == 90
+    assert findings["scale Plaza1"].value == pytest.approx(0.03, abs=1e-5)
+    assert findings["sigma Plaza1"].value == pytest.approx(0.5, rel=1e-3)
 
 
 def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
@@ -210,9 +210,9 @@ def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
         message=np.zeros((1, 10)),
         ranges=np.ones((1, 3)),
     )
-    off = np.linspace(0.0, 10.0, n)
+    errors = np.linspace(0.0, 10.0, n)
     state = np.zeros((n, 4))
-    state[:, 0] = off
+    state[:, 0] = errors
     covariance = np.tile(np.diag([4.0, 1.0, 1.0, 1.0]), (n, 1, 1))
     estimates = Estimates(
         state=state,
@@ -225,8 +225,9 @@ def test_errors_have_a_mean_a_root_mean_square_and_a_95th_percentile() -> None:
         innovation_covariance=np.zeros((1, 2, 2)),
     )
     truth = np.column_stack([measured.time, np.zeros((n, 2))])
-    # of values even from 0 to a: a/2, and a √((2 n − 1) / (6 (n − 1))) of n of them
-    square = 100.0 * (2 * n - 1) / (6 * (n - 1))
+    # n errors evenly from 0 to a have the mean a/2 and the root mean square
+    # a √((2 n − 1) / (6 (n − 1)))
+    mean_square = 100.0 * (2 * n - 1) / (6 * (n - 1))
     assert tuple(score(estimates, measured, truth)) == pytest.approx(
-        (5.0, np.sqrt(square), 9.5, square / 4.0)
+        (5.0, np.sqrt(mean_square), 9.5, mean_square / 4.0)
     )

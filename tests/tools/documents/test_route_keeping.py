@@ -78,7 +78,7 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
 
 
 @pytest.mark.parametrize(
-    ("sea", "off"),
+    ("sea", "max_distance_m"),
     [
         (Ocean(), 0.05),
         (
@@ -87,14 +87,14 @@ STOP = Route.timed("stop", [[0, 0, 0], [60, 60, 0], [120, 60, 0], [200, 60, 60]]
         ),
     ],
 )
-def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
+def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, max_distance_m: float) -> None:
     """To a few centimetres in still water, to a metre in a current that sets in; and goes on in
     time.
     """
     routes = (STOP, library_route("T6"))
     flown = simulate(Plant(setups(routes), sea), routes, 200.0)
-    resting = flown.position[620:1201, 0, :2]
-    assert np.hypot(*(resting - [60.0, 0.0]).T).max() < off
+    positions_at_stop = flown.position[620:1201, 0, :2]
+    assert np.hypot(*(positions_at_stop - [60.0, 0.0]).T).max() < max_distance_m
     if not sea.added_current.size:
         assert np.hypot(*flown.velocity[700:1200, 0, :2].T).max() < 0.01
         assert np.abs(flown.heading[700:1150, 0] - np.pi / 2).max() < 0.01
@@ -106,9 +106,9 @@ def test_a_hull_holds_its_place_at_a_stop(sea: Ocean, off: float) -> None:
 
 def test_the_same_flight_gives_the_same_bytes():
     routes = (library_route("L"), library_route("T7"))
-    a, b = (simulate(Plant(setups(routes), Ocean()), routes, 50.0) for _ in range(2))
-    assert a.position.tobytes() == b.position.tobytes()
-    assert a.effector_states.tobytes() == b.effector_states.tobytes()
+    first, second = (simulate(Plant(setups(routes), Ocean()), routes, 50.0) for _ in range(2))
+    assert first.position.tobytes() == second.position.tobytes()
+    assert first.effector_states.tobytes() == second.effector_states.tobytes()
 
 
 def test_the_record_is_that_of_the_plant():
@@ -133,9 +133,9 @@ def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
     taken into account.
     """
     routes = (library_route("L"), library_route("T6"))
-    sea = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
+    waves = Waves.regular(height_m=1.0, period_s=5.0, direction_rad=0.7, floor_depth_m=40.0)
     coarse, middle, fine = (
-        simulate(Plant(setups(routes), Ocean(waves=sea), dt), routes, 100.0)
+        simulate(Plant(setups(routes), Ocean(waves=waves), dt), routes, 100.0)
         for dt in (0.05, 0.025, 0.005)
     )
     errors = [np.sqrt(np.mean((flown.position - fine.position) ** 2)) for flown in (coarse, middle)]
@@ -143,8 +143,8 @@ def test_the_error_of_a_mission_falls_with_the_square_of_the_physics_step():
     assert errors[1] == pytest.approx(
         errors[0] * (0.025**2 - 0.005**2) / (0.05**2 - 0.005**2), rel=0.1
     )
-    turning = [np.sqrt(np.mean((flown.pitch - fine.pitch) ** 2)) for flown in (coarse, middle)]
-    assert turning[1] < 0.3 * turning[0] < np.radians(0.01)
+    pitch_errors = [np.sqrt(np.mean((flown.pitch - fine.pitch) ** 2)) for flown in (coarse, middle)]
+    assert pitch_errors[1] < 0.3 * pitch_errors[0] < np.radians(0.01)
 
 
 def test_cross_track_is_the_distance_to_the_legs():
@@ -170,7 +170,7 @@ def test_arrival_is_when_a_waypoint_is_nearest():
     assert arrival_errors(route, time, position)[1:] == pytest.approx([2.0, 2.0], abs=0.1)
     # a trajectory that ends before the last waypoint has not missed it
     assert arrival_errors(route, time[:1500], position[:1500]).size == 2
-    # one that ends the moment it is due has
+    # one that ends when it is due is rated at it
     assert arrival_errors(route, time[:2001], position[:2001])[2] == pytest.approx(0.0, abs=1e-9)
     assert arrival_errors(route, time[:2000], position[:2000]).size == 2
 
@@ -181,14 +181,14 @@ def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
     """
     route = Route.timed("line", [[0, 0, 0], [100, 0, 100]], 5.0)
     flown = simulate_points(("vehicle",), (route,), 120.0)
-    wave = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)
+    errors = np.where(np.arange(flown.time.size) % 2 == 0, 3.0, -1.0)
     position, velocity = flown.position.copy(), flown.velocity.copy()
-    position[:, 0, 0] += wave
-    position[:, 0, 2] -= 0.1 * wave
-    velocity[:, 0, :2] = np.stack([0.6 + 0.06 * wave, 0.8 + 0.08 * wave], axis=-1)
-    quaternion = attitude.from_euler(np.pi / 2, np.deg2rad(-2.0) * wave, np.deg2rad(4.0) * wave)[
-        :, None
-    ]
+    position[:, 0, 0] += errors
+    position[:, 0, 2] -= 0.1 * errors
+    velocity[:, 0, :2] = np.stack([0.6 + 0.06 * errors, 0.8 + 0.08 * errors], axis=-1)
+    quaternion = attitude.from_euler(
+        np.pi / 2, np.deg2rad(-2.0) * errors, np.deg2rad(4.0) * errors
+    )[:, None]
     moved = synthetic.moved(flown, position=position, velocity=velocity, quaternion=quaternion)
     (report,) = tracking(moved, (route,))
     # of 1001 instants until the last waypoint one more has +3 than −1; what comes after does not
@@ -214,7 +214,7 @@ def test_a_report_is_made_of_root_mean_squares_and_extremes() -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
+def test_point_motion_errs_at_its_corners_alone(name):
     route = library_route(name)
     (report,) = tracking(simulate_points(("vehicle",), (route,), 1000.0), (route,))
     assert report.arrival_error_max < 0.1 + 1e-9
@@ -223,8 +223,8 @@ def test_the_point_motion_has_nothing_to_report_but_its_corners(name):
     assert report.pitch_max < 1e-9
     # the arc through a corner of c leaves the legs by R (1 − cos(c / 2)) at most, the start by its
     # own turn
-    turning = plan(route).at(np.arange(0, 1000, 0.1))
-    radius = (turning.speed / TURN_RATE)[turning.turn_rate != 0].max(initial=0)
+    motion = plan(route).at(np.arange(0, 1000, 0.1))
+    radius = (motion.speed / TURN_RATE)[motion.turn_rate != 0].max(initial=0)
     assert report.cross_track_max < radius * (1 - np.cos(SHARPEST_CUT / 2)) + 0.01
 
 
@@ -236,8 +236,13 @@ def test_the_record_has_every_vehicle_and_the_extremes_of_all() -> None:
         )
         for k, name in enumerate(names, start=1)
     ]
-    actual = study.findings_of(reports, reports[1])
-    assert [actual[f"off-rms {name}"].value for name in (*names, "T8-plan")] == [1.0, 2.0, 3.0, 2.0]
-    assert (actual["off-max least"].value, actual["off-max most"].value) == (1.0, 3.0)
-    assert actual["pitch-max most"].value == pytest.approx(3.0)
-    assert actual["roll-max T2"].value == pytest.approx(np.rad2deg(2.0), rel=1e-5)
+    findings = study.findings_of(reports, reports[1])
+    assert [findings[f"off-rms {name}"].value for name in (*names, "T8-plan")] == [
+        1.0,
+        2.0,
+        3.0,
+        2.0,
+    ]
+    assert (findings["off-max least"].value, findings["off-max most"].value) == (1.0, 3.0)
+    assert findings["pitch-max most"].value == pytest.approx(3.0)
+    assert findings["roll-max T2"].value == pytest.approx(np.rad2deg(2.0), rel=1e-5)

@@ -24,20 +24,20 @@ def test_a_formula_becomes_mathml() -> None:
 
 def test_formulas_of_text_and_fences_are_converted_and_code_is_not() -> None:
     text = "At $`x`$.\n\n```math\ny = 1\n```\n\n```bash\necho $`date`$\n```\n\nand $`z`$\n"
-    made = with_formulas(text)
-    assert made.count("<math") == 3
-    assert made.count('display="block"') == 1
-    assert "echo $`date`$" in made
+    converted = with_formulas(text)
+    assert converted.count("<math") == 3
+    assert converted.count('display="block"') == 1
+    assert "echo $`date`$" in converted
 
 
 @pytest.mark.parametrize("path", DOCS, ids=lambda path: path.stem)
-def test_each_formula_of_the_documents_is_one(path: Path) -> None:
-    made = with_formulas(path.read_text(encoding="utf-8"))
-    for formula in re.findall(r"<math.*?</math>", made):
+def test_each_formula_of_the_documents_is_understood(path: Path) -> None:
+    converted = with_formulas(path.read_text(encoding="utf-8"))
+    for formula in re.findall(r"<math.*?</math>", converted):
         ElementTree.fromstring(formula)  # well-formed
-    assert "```math" not in made
+    assert "```math" not in converted
     # commands that were not understood remain as text
-    assert not re.search(r"<m[ion]>\\", made)
+    assert not re.search(r"<m[ion]>\\", converted)
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_links_lead_to_pages_of_the_site(target: str, in_docs: bool, expected: s
     assert site.page_name(target, in_docs=in_docs) == expected
 
 
-DRAWS = '''"""Draws."""
+EXAMPLE = '''"""Draws."""
 
 from PIL import Image
 
@@ -71,33 +71,37 @@ def test_an_example_is_run_once_until_it_changes(
 ) -> None:
     examples = tmp_path / "examples"
     examples.mkdir()
-    (examples / "one.py").write_text(DRAWS)
+    (examples / "one.py").write_text(EXAMPLE)
     monkeypatch.setattr(gallery, "EXAMPLES", examples)
     for _ in range(2):
-        (one,) = gallery.executed_examples(tmp_path / "kept")
-        assert (one.output, one.description, one.pictures[0].name) == ("drawn\n", "Draws.", "a.png")
-        assert one.pictures[0].is_file()
-        assert one.body.startswith("from PIL")
+        (executed,) = gallery.executed_examples(tmp_path / "cache")
+        assert (executed.output, executed.description, executed.pictures[0].name) == (
+            "drawn\n",
+            "Draws.",
+            "a.png",
+        )
+        assert executed.pictures[0].is_file()
+        assert executed.body.startswith("from PIL")
     assert capsys.readouterr().out.count("running") == 1
-    (examples / "one.py").write_text(DRAWS.replace('"drawn"', '"anew"'))
-    (one,) = gallery.executed_examples(tmp_path / "kept")
-    assert one.output == "anew\n"
+    (examples / "one.py").write_text(EXAMPLE.replace('"drawn"', '"anew"'))
+    (executed,) = gallery.executed_examples(tmp_path / "cache")
+    assert executed.output == "anew\n"
     (examples / "one.py").write_text('print("nothing")')
     with pytest.raises(RuntimeError, match="left no picture"):
-        gallery.executed_examples(tmp_path / "kept")
+        gallery.executed_examples(tmp_path / "cache")
     (examples / "one.py").write_text('raise SystemExit("no")')
     with pytest.raises(RuntimeError, match="no"):
-        gallery.executed_examples(tmp_path / "kept")
+        gallery.executed_examples(tmp_path / "cache")
 
 
 @pytest.mark.system
 @pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
 def test_the_site_works_from_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     picture = tmp_path / "a.png"
-    (tmp_path / "one.py").write_text(DRAWS)
+    (tmp_path / "one.py").write_text(EXAMPLE)
     picture.write_bytes(Path("docs/pictures/swarm.jpg").read_bytes())
     examples = [
-        gallery.Executed(name=path.stem, code=DRAWS, output="drawn\n", pictures=[picture])
+        gallery.Executed(name=path.stem, code=EXAMPLE, output="drawn\n", pictures=[picture])
         for path in sorted(Path("examples").glob("*.py"))
     ]
     monkeypatch.setattr(gallery, "executed_examples", lambda: examples)

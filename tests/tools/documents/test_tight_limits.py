@@ -9,8 +9,8 @@ from tools.documents.markers import RECORDS
 from tools.documents.tight_limits import RIVALS, case_findings, measured_beside, normalised_errors
 
 
-class Routes:
-    """Runs of two routes, as `Cells` gives them."""
+class RunsOfTwoRoutes:
+    """Errors and NEES of runs, as `Cells` gives them, shape (runs, routes)."""
 
     def __init__(self, errors: Floats, nees: float) -> None:
         self.errors = errors
@@ -26,8 +26,8 @@ def test_a_rival_counts_as_better_on_a_route_where_the_whole_interval_is() -> No
     ours = 1.0 + 0.01 * rng.standard_normal((20, 2))
     rival = ours + np.array([-0.1, 0.3]) + 0.01 * rng.standard_normal((20, 2))
     arms = {
-        name: Routes(values, nees)
-        for name, values, nees in (
+        name: RunsOfTwoRoutes(errors, nees)
+        for name, errors, nees in (
             ("tight", ours, 2.0),
             ("ekf", rival, 3.0),
             ("laisn-3-2", 3.0 * ours, 100.0),
@@ -58,8 +58,8 @@ def test_the_follower_of_the_map_is_where_it_says() -> None:
 
 @pytest.mark.system
 def test_the_covariance_holds_over_bearing_and_distance() -> None:
-    """A part of the map, flown: the median of nine runs is between 1 and 4 off the axis, where 2 is
-    right; on the axis the mean of both sides has no lateral error, and it is 1 less.
+    """A part of the map, flown: the median NEES of nine runs, of which 2 is right off the axis. On
+    the axis the mean of both sides has no lateral error, so that 1 less is right.
     """
     for bearing in (0.0, 45.0, 90.0, 170.0, 180.0):
         for distance in (1.0, 4.0, 30.0, 250.0, 500.0):
