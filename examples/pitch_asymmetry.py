@@ -2,9 +2,8 @@
 
 Pitch φ lowers one transmitter and raises the other. A follower Δz deeper that takes the leader for
 level converts the slant ranges to wrong horizontal ranges; the fix keeps its distance and moves by
-Δz sin φ / |sin B| (docs/asymmetry.md). Right astern (B = 180°) that has no meaning: with the bow up
-the circles about the transmitters do not meet, and LAISN puts the follower onto the leader's axis
-at the rear range; with the bow down they meet aside of the axis.
+Δz sin φ / |sin B| (docs/asymmetry.md). Right astern that has no meaning: with the bow up the circles
+do not meet, and the fix is on the leader's axis; with the bow down they meet aside of it.
 """
 
 import math
@@ -25,9 +24,7 @@ SETTINGS = NavigationSettings(baseline=BASELINE)
 
 
 def slant_ranges(pitch: float, follower: np.ndarray) -> Ranges:
-    """Ranges to the ends of the baseline of a leader at the origin that heads east; pitch [rad] is
-    positive with the bow up, `follower` is its place east, north and up [m].
-    """
+    """Of a follower east, north and up [m] from a leader that heads east; pitch: bow up [rad]."""
     along = BASELINE / 2 * np.array([math.cos(pitch), 0.0, math.sin(pitch)])
     rear, front = (float(np.linalg.norm(follower + side * along)) for side in (1, -1))
     return Ranges(rear=rear, front=front, middle=math.nan)
@@ -37,8 +34,8 @@ def fix_of(ranges: Ranges, predicted: Point) -> Fix:
     """LAISN-2's fix, which takes the leader for level."""
     message = LeaderMessage(0.0, east=0.0, north=0.0, heading=math.pi / 2, speed=1.0, depth=0.0)
     circles = to_circles(Reception(message, ranges), DEPTH_DIFFERENCE, SETTINGS)
-    # the first pair is that of the rear and the front transmitter
-    return circles.fix(circles.pairs()[0], predicted, Tuning.of(SETTINGS))
+    rear_and_front = circles.pairs()[0]
+    return circles.fix(rear_and_front, predicted, Tuning.of(SETTINGS))
 
 
 print("bearing B   pitch φ   r_rear − r_front changes by   fix moves by   Δz sin φ / |sin B|")

@@ -40,7 +40,7 @@ from laisn.navigator import (
     speed_share,
     turn_share,
 )
-from laisn.settings import VARIANTS, NavigationSettings, Settings, Tuning, Variant
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, Settings, Tuning, Variant
 from laisn.swarm import SwarmRecord, new_fix
 from laisn.vector_math import sin_cos
 
@@ -416,7 +416,7 @@ def _choice(otherwise: Pass, variant: Variant) -> Pass:
     """Pass for the fix that a variant chooses, or the pass `otherwise` where the settings have
     another variant: compiled code cannot look up functions.
     """
-    number = VARIANTS.index(variant)
+    number = LAISN_VARIANTS.index(variant)
     single_fix = CHOOSE_PAIR[variant]
 
     @compiled
@@ -444,7 +444,7 @@ choose: Pass = _choose_nothing
 for _variant in CHOOSE_PAIR:
     choose = _choice(choose, _variant)
 
-_SEQUENTIAL = VARIANTS.index(SEQUENTIAL)
+_SEQUENTIAL = LAISN_VARIANTS.index(SEQUENTIAL)
 
 _BROADCAST = [
     LeaderMessage._fields.index(n)

@@ -22,7 +22,7 @@ from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.plugins import calling, find_class, is_plugin_name
 from laisn.settings import (
-    VARIANTS,
+    LAISN_VARIANTS,
     NavigationSettings,
     RivalSettings,
     Settings,
@@ -191,7 +191,7 @@ def _rival(
 
 
 NAVIGATORS: dict[str, NavigatorSpec] = {
-    **dict.fromkeys(VARIANTS, _LAISN),
+    **dict.fromkeys(LAISN_VARIANTS, _LAISN),
     "tight": _TIGHT,
     "dead-reckoning": _rival("filters:DeadReckoning", "dead reckoning"),
     "ekf": _rival("filters:RangeFilter", "the extended Kalman filter on ranges", takes_links=True),

@@ -16,7 +16,7 @@ Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main
 GateRule = Literal["off", "v-max", "v-measured"]
 SideRule = Literal["behind", "predicted"]
 
-VARIANTS: tuple[Variant, ...] = get_args(Variant)
+LAISN_VARIANTS: tuple[Variant, ...] = get_args(Variant)
 
 
 def transmitters_of(variant: str) -> int:
@@ -171,7 +171,11 @@ class NavigationSettings(Settings):
         return transmitters_of(self.variant)
 
     def __post_init__(self) -> None:
-        choices = {"variant": VARIANTS, "gate": get_args(GateRule), "side_rule": get_args(SideRule)}
+        choices = {
+            "variant": LAISN_VARIANTS,
+            "gate": get_args(GateRule),
+            "side_rule": get_args(SideRule),
+        }
         for name, allowed in choices.items():
             value = getattr(self, name)
             if value not in allowed:
@@ -210,7 +214,7 @@ class Tuning(NamedTuple):
     follower_speed_max: float
     expected_pitch: float
     use_single_range: bool
-    variant: int  # index in VARIANTS
+    variant: int  # index in LAISN_VARIANTS
     gate: int  # index in GATES
     predicted_side: bool  # whether the rule of sides is "predicted"
     transmitters: int
@@ -227,7 +231,7 @@ class Tuning(NamedTuple):
         shared_settings = {name: getattr(settings, name) for name in names - {"variant", "gate"}}
         return cls(
             **shared_settings,
-            variant=VARIANTS.index(settings.variant),
+            variant=LAISN_VARIANTS.index(settings.variant),
             gate=GATES.index(settings.gate),
             predicted_side=settings.side_rule == "predicted",
             transmitters=settings.transmitters,

@@ -28,13 +28,13 @@ _ELSEWHERE = "choose another folder with --out"
 
 
 def require_safe(
-    folder: Path, source: Path | None = None, current_text: Callable[[], str] = str
+    folder: Path, source: Path | None = None, flown_text: Callable[[], str] = str
 ) -> None:
     """Refuse a folder in which a flight would replace other files than those of a flight;
     LaisnError names them.
 
-    `source` is the scenario file of the flight, if there is one. It may be replaced by a copy of
-    its own text, `current_text`.
+    `source` is the scenario file of the flight, if there is one. It may be replaced if it has the
+    text that the flight would write, `flown_text`.
     """
     if not folder.is_dir():
         if folder.exists() or folder.is_symlink():
@@ -45,7 +45,7 @@ def require_safe(
     require_replaceable(folder / BAG)
     present = [folder / name for name in FILES if os.path.lexists(folder / name)]
     for path in present:
-        if _is_other_source(path, source, current_text):
+        if _is_other_source(path, source, flown_text):
             problem = "is the scenario of this flight"
         elif path.is_symlink() or not path.is_file():
             problem = "expected a regular file"
@@ -62,11 +62,11 @@ def require_safe(
         )
 
 
-def _is_other_source(path: Path, source: Path | None, current_text: Callable[[], str]) -> bool:
-    """Whether a file is the scenario file `source`, with another text than `current_text`."""
+def _is_other_source(path: Path, source: Path | None, flown_text: Callable[[], str]) -> bool:
+    """Whether a file is the scenario file `source`, with another text than `flown_text`."""
     if source is None or not path.is_file() or not source.exists():
         return False
-    return path.samefile(source) and path.read_bytes() != current_text().encode()
+    return path.samefile(source) and path.read_bytes() != flown_text().encode()
 
 
 def _holds_flight(folder: Path) -> bool:

@@ -292,6 +292,7 @@ def replay_data_set(
             )
     if takes_beacons:
         keys = {key.removeprefix(section): value for key, value in values.items()}
+        # air or water, through which the ranges were measured
         estimates, medium = navigate_among_beacons(log, beacon_settings(keys))
         title = f"{variant}, in {medium}"
     else:

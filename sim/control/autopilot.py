@@ -186,15 +186,15 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
             # right at 1 m/s
             record["lift"] += c["linear_damping"][2]
         strips = 0.5 * c["density"] * np.sum(c["strip_area"] * np.abs(c["strip_x"]) ** 3)
-        for plane, axis in enumerate(("pitch", "yaw")):
+        for turning, axis in enumerate(("pitch", "yaw")):
             # coefficients are those sideways and upward, in this order: pitch is by those upward
-            other = 1 - plane
+            direction = 1 - turning
             cross_flow_damping = (
-                strips * c["cross_flow_drag"][other] + c["quadratic_damping"][4 + plane]
+                strips * c["cross_flow_drag"][direction] + c["quadratic_damping"][4 + turning]
             )
-            fin_damping = per_fin[:, other] @ fins["place"][:, 0] ** 2
+            fin_damping = per_fin[:, direction] @ fins["place"][:, 0] ** 2
             record[f"{axis}_damping"] = (
-                c["linear_damping"][4 + plane],
+                c["linear_damping"][4 + turning],
                 fin_damping,
                 cross_flow_damping,
             )
@@ -411,7 +411,8 @@ def control(
     """Commands of one vehicle's effectors.
 
     Args:
-        kinds: of the effectors, as of `sim.vehicle.effectors.kinds_of`.
+        kinds: of effectors, to which the records of `d.effectors` refer by number, as of
+            `sim.vehicle.effectors.kinds_of`.
         steering: heading [rad], its rate [rad/s], speed through the water [m/s], as of `steer`.
         reference: accelerations, depth and sinking are read.
         motion: how the vehicle moves.

@@ -76,14 +76,15 @@ def _smooth_pixel(source: Bytes, target: Bytes, i: int, j: int) -> None:
     limit = abs(beyond - m) / 4.0
     step = (0, 1) if horizontal_strength >= vertical_strength else (1, 0)
     backward = (-step[0], -step[1])
-    first, at_first = _edge_end(source, i, j, backward, step_across, mean, limit)
-    last, at_last = _edge_end(source, i, j, step, step_across, mean, limit)
-    nearest, at_nearest = (first, at_first) if first < last else (last, at_last)
+    steps_back, difference_back = _edge_end(source, i, j, backward, step_across, mean, limit)
+    steps_ahead, difference_ahead = _edge_end(source, i, j, step, step_across, mean, limit)
+    nearest = min(steps_back, steps_ahead)
+    difference = difference_back if steps_back < steps_ahead else difference_ahead
     # At the nearer end both rows take the brightness of one side. If it is this pixel's, the edge
     # steps away from it, and the pixel stays as it is.
-    if (at_nearest < 0) == (m < mean):
+    if (difference < 0) == (m < mean):
         return
-    share = 0.5 - nearest / (first + last)
+    share = 0.5 - nearest / (steps_back + steps_ahead)
     for channel in range(3):
         value = float(source[i, j, channel])
         other = float(source[i + step_across[0], j + step_across[1], channel])

@@ -72,11 +72,12 @@ def layer_of(rgba: Bytes) -> Layer:
     """
     image = rgba.astype(np.float64)
     opacity = image[..., 3:]
-    total = 65280.0 + opacity
+    # weights of image and frame: 256 a + 255 (256 − a) = 65280 + a
+    weight_sum = 65280.0 + opacity
     is_opaque = opacity == 255.0
     # a little more, so that whole numbers are not cut to those below them
-    colour = np.where(is_opaque, image, 256.0 * image * opacity / total) + 1e-5
-    share = np.where(is_opaque, 0.0, 255.0 * (256.0 - opacity) / total)
+    colour = np.where(is_opaque, image, 256.0 * image * opacity / weight_sum) + 1e-5
+    share = np.where(is_opaque, 0.0, 255.0 * (256.0 - opacity) / weight_sum)
     share = np.repeat(share, 4, axis=2)
     colour[..., 3], share[..., 3] = 255.0, 0.0
     return Layer(*(a.reshape(len(rgba), -1).astype(np.float32) for a in (colour, share)))

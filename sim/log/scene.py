@@ -25,6 +25,7 @@ from sim.vehicle.mjcf import spec_of
 Draw = Callable[[int, int], fg.SceneUpdate]
 """Draws the instant of a time since 1970 [ns] and an index on its own time grid."""
 
+# of the paths of vehicles and of estimates that are drawn
 TRAIL_S = 100  # length of trails, also in points of trajectories a second apart
 _TRAIL_POINTS = 500  # of all trails together, beyond which they have fewer than one a second
 _LONGEST_STEP_S = 10  # most time from one point of a trail to the next

@@ -365,6 +365,7 @@ def with_file_paths(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     followers = table.get("followers")
     formation = table.get("formation")
     shape = formation.get("shape") if isinstance(formation, dict) else None
+    # the model of a shape is the hull of all its followers
     vehicles = [table.get("leader"), shape]
     if isinstance(followers, list):
         vehicles += followers

@@ -20,7 +20,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import CUSTOM_SECTION, NAVIGATORS, find
 from laisn.plugins import is_plugin_name
 from laisn.settings import (
-    VARIANTS,
+    LAISN_VARIANTS,
     Assume,
     BeaconSettings,
     NavigationSettings,
@@ -195,7 +195,7 @@ class Navigation(FurtherKeys):
             values[name] *= sound_m_s
         if not spec.sections:
             values |= in_si(dict(self), field_names)
-        if self.variant not in VARIANTS:
+        if self.variant not in LAISN_VARIANTS:
             # a navigator of one's own without settings of its own is no variant of LAISN
             values.pop("variant", None)
         return _settings_from(spec.settings, values)

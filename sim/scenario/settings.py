@@ -20,7 +20,7 @@ from pydantic import (
 
 from laisn.arrays import Floats
 from laisn.navigators import BEACON_VARIANT, NAVIGATORS
-from laisn.settings import VARIANTS
+from laisn.settings import LAISN_VARIANTS
 from sim.scenario.formation import (
     MAX_FOLLOWERS,
     Formation,
@@ -423,7 +423,7 @@ class Scenario(Section):
                 "must keep its default where followers are on stations or steer by their estimates"
             )
             for key, navigation in self.navigations():
-                if navigation.use_single_range and navigation.variant in VARIANTS:
+                if navigation.use_single_range and navigation.variant in LAISN_VARIANTS:
                     errors.append(f"{key}.use_single_range {advice}")
                 if navigation.transmitters_m:
                     errors.append(f"{key}.transmitters_m {advice}")

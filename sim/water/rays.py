@@ -6,8 +6,8 @@ mirror image of its source (ibid.); a floor that is not level is taken for level
 reflection.
 
 Rays are a NamedTuple with the methods `apparent_source(path, source, receiver)`,
-`slowness(path, source, receiver)` and `straight_slowness`, likewise, which compiled code chooses by
-its type. Those that bend are in `sim.water.refraction`.
+`slowness(path, source, receiver)` and `straight_slowness`, the same as if rays did not bend, which
+compiled code chooses by its type. Those that bend are in `sim.water.refraction`.
 """
 
 import math

@@ -21,7 +21,7 @@ from laisn.fix import (
 )
 from laisn.geometry import Point, sin_cos_of
 from laisn.messages import LeaderMessage, Ranges, Reception
-from laisn.settings import VARIANTS, NavigationSettings, Tuning
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, Tuning
 
 TRANSMITTERS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, 0.1]])
 EAST = np.pi / 2
@@ -325,4 +325,4 @@ def test_variance_of_a_fix() -> None:
 
 
 def test_every_variant_has_a_formula() -> None:
-    assert set(VARIANTS) == {*CHOOSE_PAIR, "laisn-3-1"}
+    assert set(LAISN_VARIANTS) == {*CHOOSE_PAIR, "laisn-3-1"}

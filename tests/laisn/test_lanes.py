@@ -15,7 +15,7 @@ from laisn.estimates import FixKind
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.navigator import Navigator
-from laisn.settings import VARIANTS, GateRule, NavigationSettings, SideRule, Variant
+from laisn.settings import LAISN_VARIANTS, GateRule, NavigationSettings, SideRule, Variant
 from tests.effort import examples
 from tests.laisn import in_lanes
 
@@ -165,7 +165,7 @@ cases = st.builds(
 
 navigations = st.builds(
     NavigationSettings,
-    variant=st.sampled_from(VARIANTS),
+    variant=st.sampled_from(LAISN_VARIANTS),
     gate=st.sampled_from(["off", "v-max", "v-measured"]),
     side_rule=st.sampled_from(["behind", "predicted"]),
     use_attitude=st.booleans(),
@@ -201,7 +201,7 @@ ABEAM = Case(
 )
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 @pytest.mark.parametrize("gate", ["off", "v-max", "v-measured"])
 @pytest.mark.parametrize("side_rule", ["behind", "predicted"])
 def test_engines_agree_on_every_rule(variant: Variant, gate: GateRule, side_rule: SideRule) -> None:
@@ -215,7 +215,7 @@ def test_engines_agree_on_every_rule(variant: Variant, gate: GateRule, side_rule
     )
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_engines_agree_where_updates_are_singular_gated_or_lost(variant: Variant) -> None:
     astern = replace(ABEAM, bearing_deg=180.0, bearing_sigma=0.0, range_sigma=0.01)
     snapping = NavigationSettings(variant=variant, threshold=1000.0, gate="off")

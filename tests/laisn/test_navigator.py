@@ -7,7 +7,7 @@ from laisn.arrays import Floats
 from laisn.estimates import Estimates, FixKind
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import VARIANTS, GateRule, NavigationSettings, Variant
+from laisn.settings import LAISN_VARIANTS, GateRule, NavigationSettings, Variant
 from sim import attitude
 from tests.laisn import in_lanes
 from tests.laisn.oracle import Oracle
@@ -98,7 +98,7 @@ def test_dead_reckoning_alone_is_the_trapezoid_rule() -> None:
     np.testing.assert_allclose(estimates.state[:-1, :2], expected[:-1], atol=1e-9)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 @pytest.mark.parametrize(("pitch_deg", "use_attitude"), [(0.0, False), (12.0, True)])
 def test_noiseless_mission_recovers_the_truth_at_every_message(
     variant: Variant, pitch_deg: float, use_attitude: bool
@@ -116,7 +116,7 @@ def test_noiseless_mission_recovers_the_truth_at_every_message(
     assert kinds == {FixKind.FUSED if variant == "laisn-3-2" else FixKind.TWO_POINTS} | skipped
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_with_the_papers_beta_a_noiseless_mission_is_exact_to_the_gain(variant: Variant) -> None:
     """The gain is 1 − (β/sep)² / P with P ≥ (σa0 Δt²/2)² = 0.09 m² and sep ≈ 50 m: a thousandth of
     the prediction's error of a few millimetres remains."""
@@ -130,7 +130,7 @@ def test_with_the_papers_beta_a_noiseless_mission_is_exact_to_the_gain(variant: 
     "offset", [(-20.0, -19.0, 0.0), (-8.0, 16.0, -4.0)], ids=["astern", "abeam"]
 )
 @pytest.mark.parametrize("gate", ["v-max", "v-measured"])
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_an_independent_navigator_agrees(
     variant: Variant, gate: GateRule, offset: tuple[float, float, float]
 ) -> None:
@@ -167,7 +167,7 @@ def test_an_independent_navigator_agrees(
         assert FixKind.ASTERN in kinds
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_a_lost_message_is_no_message(variant: Variant) -> None:
     """Of a message without ranges nothing is used, not even its heading and speed."""
     random = np.random.default_rng(6)
@@ -195,7 +195,7 @@ def test_a_lost_message_is_no_message(variant: Variant) -> None:
     assert with_lost_ones == without_them
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_online_steps_and_run_are_the_same_to_the_bit(variant: Variant) -> None:
     measurements, _, start = mission(300, noise=np.random.default_rng(1))
     estimates = navigate(measurements, start, variant=variant)

@@ -15,7 +15,7 @@ from laisn.geometry import Point, place_on_body, sin_cos_of, tilted_arms
 from laisn.lanes import tuning
 from laisn.messages import LeaderMessage, OwnMotion, Ranges, Reception
 from laisn.navigator import Filter, Gate, Navigator
-from laisn.settings import VARIANTS, NavigationSettings, Tuning, Variant
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, Tuning, Variant
 from tests.laisn.passages import BEACONS, SETTINGS, START, passage
 from tests.synthetic import bits
 
@@ -23,7 +23,7 @@ ANGLE = st.floats(-3.0, 3.0)
 LENGTH = st.floats(0.0, 500.0)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_durations_of_one_step_change_nothing_to_the_bit(variant: Variant) -> None:
     settings = replace(SETTINGS, variant=variant)
     equal, _ = passage(None)
@@ -34,7 +34,7 @@ def test_durations_of_one_step_change_nothing_to_the_bit(variant: Variant) -> No
     )
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_steps_of_any_length_recover_the_truth(variant: Variant) -> None:
     """Jitter and gaps, beacons hundreds of metres apart, no noise."""
     random = np.random.default_rng(5)
@@ -195,7 +195,7 @@ def test_the_update_along_a_line_is_the_textbook_one(seed: int, sigma: float) ->
     assert float(innovation.residual @ axis) == pytest.approx(residual, abs=1e-9)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_a_single_range_is_used_if_the_settings_allow_it(variant: Variant) -> None:
     """With a log that reads a tenth too much, one beacon keeps the distance right; the paper
     drifts off it.

@@ -11,7 +11,7 @@ from laisn.estimates import Estimates, TightEstimates
 from laisn.lanes import new_lanes
 from laisn.messages import Measurements, OwnMotion, Ranges, Reception
 from laisn.navigator import Navigator
-from laisn.settings import VARIANTS, NavigationSettings, TightSettings
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, TightSettings
 from laisn.swarm import ESTIMATE, MESSAGE, READING, SeparateNavigators, SwarmRecord
 from laisn.tight import navigator as tight
 from laisn.tight.model import refresh_output
@@ -96,7 +96,7 @@ def require_equal(actual: Estimates, expected: Estimates, tolerance: float) -> N
         )
 
 
-@pytest.mark.parametrize("variant", [*VARIANTS])
+@pytest.mark.parametrize("variant", [*LAISN_VARIANTS])
 def test_lanes_record_what_navigators_of_one_follower_conclude(variant: str) -> None:
     settings = NavigationSettings(variant=variant, dt=DT, use_attitude=True, hydrophone_height=0.2)  # type: ignore[arg-type]
     steps, starts = shared_voyage()

@@ -10,7 +10,7 @@ from tests.synthetic import make_flight
 
 def test_distances_of_all_followers_are_from_the_leader() -> None:
     flight = make_flight(20.0, 3)
-    steps = flight.step_index()
+    steps = flight.step_index()  # of the trajectory, at each filter step
     table = errors_table(flight).arrow.to_pydict()
     names = np.array(table["follower"])
     leader = flight.trajectory.position[steps, 0, :2]

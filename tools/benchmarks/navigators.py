@@ -57,9 +57,11 @@ def filter_only(
     prior = lanes.no_prior()
     i = 0
     for k in range(1, readings.shape[0] + 1):
+        # rows from speed to own depth
         copy_values(readings[k - 1], block[lanes.SPEED : lanes.SIN])
         received = i < message_step.size and message_step[i] == k
         if received:
+            # rows from the leader's position to the ranges
             copy_values(messages[i], block[lanes.EAST : lanes.X1])
             i += 1
         lanes.advance(block, t, k, received, prior)

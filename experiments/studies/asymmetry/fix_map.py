@@ -21,7 +21,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.geometry import fix_bearing_cosine, pitch_fix_error
 from laisn.lanes import LANES
-from laisn.settings import VARIANTS, NavigationSettings, Tuning
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, Tuning
 
 Grid = Mapping[str, Sequence[float]]  # values of each coordinate of a map, by name
 Chart = Mapping[str, Floats]  # columns of a map by name, a row for each point of its grid
@@ -113,7 +113,7 @@ def measure_map(grid: Grid, settings: NavigationSettings) -> Chart:
     points = np.column_stack(
         [np.deg2rad(v) if name.endswith("deg") else v for name, v in columns.items()]
     )
-    for variant in VARIANTS:
+    for variant in LAISN_VARIANTS:
         columns[f"error_{variant}_m"] = np.hypot(
             *sweep(points, replace(settings, variant=variant)).T
         )

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -125,7 +126,8 @@ def killed_at(moment: int, folder):
         return between_two_moments
 
     os.fsync, os.replace = interrupted(os.fsync), interrupted(os.replace)
-    np.lib.format.write_array = interrupted(np.lib.format.write_array)
+    ZipFile.writestr = interrupted(ZipFile.writestr)
+    store.write_array = interrupted(store.write_array)
     rows = run(plans(), folder, workers=1, quiet=True)
     store.write_table(folder / "tables.parquet", store.columns_of(rows))
     os._exit(min(next(moments), 255))

@@ -13,7 +13,7 @@ from laisn import POSITION, metrics
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled
 from laisn.navigator import Navigator
-from laisn.settings import VARIANTS, NavigationSettings, Variant
+from laisn.settings import LAISN_VARIANTS, NavigationSettings, Variant
 from laisn.swarm import MESSAGE
 from sim.sensing.observation import IdealMeasurements, measure
 from sim.sensing.sensors import SensorErrors
@@ -110,7 +110,7 @@ ECHOES = ALL_ERRORS._replace(
 )
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 @pytest.mark.parametrize(
     ("errors", "offset"),
     [
@@ -142,7 +142,7 @@ def test_a_run_of_a_campaign_is_the_run_flown_alone(
         assert np.abs(states[:, :, run] - alone.state).max() < 1e-9
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     # Astern of the leader with a large β: fixes of all kinds, and mirror locks on the wrong side.
     truth = make_truth(offset=ASTERN, attitude=False)
@@ -286,7 +286,7 @@ def assert_same(actual: CellResult, expected: CellResult) -> None:
         assert values.tobytes() == expected.runs[name].tobytes()
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_a_block_of_few_runs_computes_what_a_full_one_does(variant: Variant) -> None:
     """A run that is alone, and runs that fill part of a vector, or parts of several."""
     settings = NavigationSettings(dt=DT, variant=variant)

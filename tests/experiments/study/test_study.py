@@ -116,7 +116,9 @@ def test_the_study_of_a_folder_is_the_one_that_was_flown(study_folder):
         original.draws,
         original.arms,
     )
-    assert read_study.draws[0].value(1, 0) == original.draws[0].value(1, 0)
+    assert read_study.draws[0].value(seed=1, realization=0) == original.draws[0].value(
+        seed=1, realization=0
+    )
 
 
 def test_a_study_in_its_folder_finds_scenario_and_hulls(tmp_path):
@@ -183,7 +185,7 @@ def test_another_key_leaves_draws_as_they_were():
     assert {entry.realization: entry.settings[key] for entry in before.entries} == {
         realization: drawn[realization] for realization in (0, 1)
     }
-    assert drawn[0] == Draw.of(key, {"uniform": [0.2, 0.8]}).value(1, 0)
+    assert drawn[0] == Draw.of(key, {"uniform": [0.2, 0.8]}).value(seed=1, realization=0)
 
 
 def test_the_command_of_a_run_repeats_it(study_folder, tmp_path):
@@ -485,7 +487,9 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
             fly_studies([plan_of(first_study)], tmp_path / "first", workers=1, quiet=True)[0]
         )
     )
-    widths = [half_width(first_batch.estimate(place, "e_p_mean_m")) for place in first_batch.rows]
+    widths = [
+        half_width(first_batch.estimate(condition, "e_p_mean_m")) for condition in first_batch.rows
+    ]
     largest_half_width = 0.6 * max(widths)
     until_narrow = UNTIL | {"until": UNTIL["until"] | {"half_width": largest_half_width}}
     run_studies(
@@ -733,7 +737,7 @@ def test_drawn_formations_are_the_followers_of_their_realization():
     ]
     assert [len(stations) for stations in stations_by_realization] == [4, 4, 4]
     assert stations_by_realization[0] != stations_by_realization[1]
-    drawn = drawn_study.draws[0].value(1, 2)
+    drawn = drawn_study.draws[0].value(seed=1, realization=2)
     assert [station.port_m for station in stations_by_realization[2]] == [
         follower["station"]["port_m"] for follower in drawn
     ]

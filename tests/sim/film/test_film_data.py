@@ -14,7 +14,7 @@ from tests.synthetic import make_flight
 
 
 def test_a_moment_interpolates_truth_and_estimate(flight):
-    data = FilmData(flight, 20.0)
+    data = FilmData(flight, speed_up=20.0)
     state = data.at(30.05)
     np.testing.assert_allclose(state.position, flight.trajectory.at(30.05)[0][0])
     np.testing.assert_allclose(
@@ -41,13 +41,13 @@ def test_rays_have_full_strength_at_the_ping_then_fade_and_are_absent_without_re
 
 
 def test_rays_of_frequent_pings_do_not_flicker(flight):
-    data = FilmData(flight, 20.0)
+    data = FilmData(flight, speed_up=20.0)
     strength = [data.at(t).ray[0, 0] for t in np.arange(10.0, 40.0, 20 / 30)]
     assert np.ptp(strength) < 0.15
 
 
 def test_trail_points_stay_in_place_while_time_goes_on(flight):
-    data = FilmData(flight, 20.0)
+    data = FilmData(flight, speed_up=20.0)
     early, late = (data.trails(data.at(time))[1] for time in (30.0, 30.7))
     old = {tuple(p) for p in early[:-1]}
     assert len(old & {tuple(p) for p in late[:-1]}) >= len(old) - 1
@@ -61,6 +61,7 @@ def test_the_drawn_sea_is_the_simulated_sea():
             mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
         )
     )
+    # components up to the phase, of which 1 and 2 are wave numbers east and north
     sea = Sea.__new__(Sea)
     sea._ocean, sea._waves = ocean, ocean.environment.waves.components[: PHASE + 1].T
     sea._wavenumber = np.hypot(sea._waves[:, 1], sea._waves[:, 2])

@@ -224,7 +224,7 @@ def test_a_second_follower_has_other_errors_and_a_study_those_of_its_flights() -
         "dvl.toml",
         set=keys,
         vary={"sensors.custom.0.dropout": [0.0, 0.9]},
-        errors_of_runs=2,
+        runs=2,
         out="study",
     ).table
     sensor = [{"sensor": "dvl:Dvl", "dropout": 0.9}]

@@ -59,13 +59,14 @@ def test_ambient_noise_falls_with_frequency_and_rises_with_wind() -> None:
 
 def test_half_of_the_messages_are_heard_where_the_mean_level_meets_the_threshold() -> None:
     acoustics = Acoustics(source_level_db=140.0, level_sigma_db=4.0)
+    # errors of sensors, and the numbers of the sonar equation
     errors = errors_of(SensingSettings.of(make_scenario(acoustics)))
     half_heard = half_heard_m(sonar_of(acoustics))
     assert hearing_probability(errors, half_heard) == pytest.approx(0.5, abs=1e-9)
     # at 100 m by the sonar equation, for a normal distribution of levels about their mean
     noise = noise_level_db(25.0, 5.0, 0.5) + 10.0 * math.log10(5000.0)
-    excess = 140.0 - 15.0 * math.log10(100.0) - 0.1 * absorption_db_km(25.0, 10.0, 35.0)
-    probability = 0.5 * math.erfc(-(excess - noise - 10.0) / (4.0 * math.sqrt(2.0)))
+    received_level = 140.0 - 15.0 * math.log10(100.0) - 0.1 * absorption_db_km(25.0, 10.0, 35.0)
+    probability = 0.5 * math.erfc(-(received_level - noise - 10.0) / (4.0 * math.sqrt(2.0)))
     assert hearing_probability(errors, 100.0) == pytest.approx(probability, abs=1e-12)
     assert hearing_probability(errors, 0.0) > 0.999
 
@@ -97,8 +98,8 @@ def test_without_scatter_all_messages_are_heard_up_to_the_range_of_no_excess_and
     None
 ):
     """A spreading loss of 10 log10(100) = 20 dB and 0.25 dB/m use up 45 dB at 100 m, exactly."""
-    errors = SimpleNamespace(
+    sonar = SimpleNamespace(
         sonar_margin=45.0, sonar_spreading=10.0, sonar_absorption=0.25, sonar_scatter=0.0
     )
-    probabilities = [hearing_probability(errors, distance) for distance in (99.9, 100.0, 100.1)]
+    probabilities = [hearing_probability(sonar, distance) for distance in (99.9, 100.0, 100.1)]
     assert probabilities == [1.0, 1.0, 0.0]

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 import models
 from experiments.studies.asymmetry import fix_map
 from laisn.geometry import angle_between
-from laisn.settings import VARIANTS, NavigationSettings
+from laisn.settings import LAISN_VARIANTS, NavigationSettings
 from sim import attitude
 from sim.trajectory import tilted
 from tests.effort import examples
@@ -66,7 +66,7 @@ def test_ranges_are_those_of_the_physical_leader(pitch, offset, horizontal_range
 def test_abeam_error_is_0_87_m_at_5_degrees_and_10_m_for_any_range(horizontal_range):
     pitch, offset = np.deg2rad(5.0), 10.0
     point = np.array([[pitch, offset, horizontal_range, np.pi / 2]])
-    for variant in VARIANTS:
+    for variant in LAISN_VARIANTS:
         error = fix_map.sweep(point, replace(ANYWHERE, variant=variant))
         # 10 m · sin 5°
         assert_allclose(np.hypot(*error[0]), 0.87, rtol=0.02)
@@ -104,7 +104,7 @@ def test_small_pitch_adds_the_lever_arm_over_the_sine_of_the_bearing():
     assert_allclose(exact, 7.0 * 1e-6 / np.abs(np.sin(bearing)), rtol=1e-4)
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("variant", LAISN_VARIANTS)
 def test_a_follower_with_the_attitude_has_no_error(variant):
     with_attitude = replace(ANYWHERE, variant=variant, use_attitude=True)
     grid = np.array(
