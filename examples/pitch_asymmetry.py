@@ -2,7 +2,7 @@
 
 Pitch φ lowers one transmitter and raises the other. A follower Δz deeper that takes the leader for
 level converts the slant ranges to wrong horizontal ranges; the fix keeps its distance and moves by
-Δz sin φ / |sin B| (docs/asymmetry.md). Right astern that has no meaning: with the bow up the circles
+Δz sin φ / |sin B| (docs/asymmetry.md). Right astern that has none: with the bow up the circles
 do not meet, and the fix is on the leader's axis; with the bow down they meet aside of it.
 """
 

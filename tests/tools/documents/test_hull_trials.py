@@ -99,7 +99,9 @@ def test_motions_of_the_record_are_those_of_this_code() -> None:
         name for name in RECORDED.findings if any(name.startswith(prefix) for prefix in prefixes)
     }
     for name, finding in motions.items():
-        assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6), name
+        # Fossen's model is integrated to 1e-7 of its states: processors differ by 1e-9 m in how far
+        # a path is apart after 140 m
+        assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6, abs=1e-8), name
 
 
 @pytest.mark.system
