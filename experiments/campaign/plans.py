@@ -223,8 +223,8 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
         }
         if find(variant).compare_with_crlb and not scenario.navigation.further_links:
             settings = CellSettings.of(scenario)
-            trajectory, _ = mission.motion_and_measurements(settings, plan.follower)
-            geometry = geometry_of(trajectory, settings.sensing, plan.follower)
+            seen_motion, _ = mission.motion_and_measurements(settings, plan.follower)
+            geometry = geometry_of(seen_motion, settings.sensing, plan.follower)
             noise = noise_of(settings.sensing, settings.navigation, plan.follower)
             bound_rms = least_rms(geometry, noise)
             bound = float(np.sqrt(np.mean(bound_rms**2)))

@@ -2,6 +2,7 @@
 
 import gc
 import weakref
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -329,3 +330,26 @@ def test_a_cell_without_its_follower_or_with_another_mission_is_refused(flown: T
         LaisnError, match="the scenario moves otherwise than the mission that was simulated"
     ):
         Cell.of(scenario.model_copy(update={"duration_s": 6.0}), mission=campaign_mission)
+
+
+_MEASURED_ON: list[Trajectory] = []
+
+
+def _facts_and_their_motion(_: MotionSettings, trajectory: Trajectory) -> list[dict[str, Any]]:
+    """A pitch of the leader for one follower; notes the motion of which it was asked."""
+    _MEASURED_ON.append(trajectory)
+    return [{"leader_pitch_rms_deg": 1.0}]
+
+
+def test_facts_of_all_cells_are_of_the_missions_own_motion() -> None:
+    """Not of the motion at the steps of messages, of which the bound of the cell before was."""
+    cell = CellPlan(
+        scenario=mission(navigation=Navigation(variant="tight")),
+        runs=1,
+        measured={"navigation.expected_pitch_deg": "leader_pitch_rms_deg"},
+        facts=_facts_and_their_motion,
+    )
+    trajectory = simulate_motion(cell.scenario)
+    rows = [row for _, row, _ in compute(trajectory, [cell, replace(cell, first_run=1)])]
+    assert all(row["bound_rms_m"] > 0.0 for row in rows)
+    assert [motion is trajectory for motion in _MEASURED_ON] == [True, True]
