@@ -77,6 +77,27 @@ def _finalize_whole(self: Any) -> None:
     _finalize(self)
 
 
+_optimize = JITCodeLibrary._optimize_final_module
+
+
+def _optimize_whole(self: Any) -> None:
+    """Let the optimiser fit the nested functions of a library to their callers, which are all in
+    it: of functions that others might call it keeps all arguments, of large structures a hundred,
+    and counts references to arrays that have none to count.
+    """
+    nested = {
+        function.name
+        for library in self._linking_libraries
+        if isinstance(library, NestedLibrary)
+        for function in library._final_module.functions
+        if not function.is_declaration
+    }
+    for function in self._final_module.functions:
+        if function.name in nested:
+            function.linkage = "internal"
+    _optimize(self)
+
+
 _run_pass = typed_passes.BaseNativeLowering.run_pass
 
 
@@ -112,6 +133,7 @@ def _get_nested_executable(self: Any, library: Any, fndesc: Any, env: Any) -> An
 
 
 JITCodeLibrary.finalize = _finalize_whole  # type: ignore[method-assign]
+JITCodeLibrary._optimize_final_module = _optimize_whole  # type: ignore[method-assign]
 typed_passes.BaseNativeLowering.run_pass = _lower_nested  # type: ignore[method-assign]
 CPUContext.get_executable = _get_nested_executable  # type: ignore[method-assign]
 

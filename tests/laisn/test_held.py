@@ -3,6 +3,7 @@ callers only.
 """
 
 import gc
+import re
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
@@ -120,6 +121,26 @@ def _shared(x: float, numbers: Floats) -> float:
 @compiled
 def _outermost(x: float, numbers: Floats) -> float:
     return _shared(x, numbers) + _sum(x, numbers)
+
+
+@compiled
+def _sum_from(first: int, numbers: Floats) -> float:
+    # one that calls itself stays a function of its own in its caller's code
+    if first == numbers.size:
+        return 0.0
+    return float(numbers[first] + _sum_from(first + 1, numbers))
+
+
+@compiled
+def _sum_of_all(numbers: Floats) -> float:
+    return _sum_from(0, numbers)
+
+
+def test_code_for_callers_is_known_to_have_no_other_callers() -> None:
+    """Only then does the optimiser leave out what these callers do not need."""
+    assert _sum_of_all(np.arange(5.0)) == 10.0
+    (code,) = _sum_of_all.inspect_llvm().values()  # type: ignore[attr-defined]
+    assert re.findall(r"^define (\w+) .*_sum_from", code, flags=re.MULTILINE) == ["internal"]
 
 
 def _typed_number() -> float:
