@@ -179,14 +179,29 @@ def half_turn_angle(cross: float, dot: float) -> float:
     shallow = a <= _TAN_PI_8 * b
     steep = b <= _TAN_PI_8 * a
     # tangent above / below of the angle from `start`: 0, π/2, or else π/4
-    numerator = -b if steep else a - b
-    denominator = a if steep else a + b
-    start = _HALF_PI if steep else _QUARTER_PI
-    numerator = a if shallow else numerator
-    denominator = b if shallow else denominator
-    start = 0.0 if shallow else start
-    t = numerator / (denominator if denominator > 0.0 else 1.0)
+    above = select(shallow, a, select(steep, -b, a - b))
+    below = select(shallow, b, select(steep, a, a + b))
+    start = select(shallow, 0.0, select(steep, _HALF_PI, _QUARTER_PI))
+    t = above / select(below > 0.0, below, 1.0)
     q = t * t
     p = fma(fma(fma(fma(fma(fma(_A10, q, _A9), q, _A8), q, _A7), q, _A6), q, _A5), q, _A4)
     angle = fma(fma(fma(fma(fma(p, q, _A3), q, _A2), q, _A1), q, _A0), t, start)
-    return math.pi - angle if dot < 0.0 else angle
+    return select(dot < 0.0, math.pi - angle, angle)
+
+
+@inlined
+def arctan2(y: float, x: float) -> float:
+    """Angle of the vector (x, y) from the first axis, in [−π, π]; a zero for two zeros."""
+    return np.copysign(half_turn_angle(y, x), y)
+
+
+@inlined
+def arctan(tangent: float) -> float:
+    """Angle of a tangent, in [−π/2, π/2]."""
+    return arctan2(tangent, 1.0)
+
+
+@inlined
+def arcsin(sine: float) -> float:
+    """Angle of a sine, which is in [−1, 1], in [−π/2, π/2]."""
+    return arctan2(sine, math.sqrt((1.0 - sine) * (1.0 + sine)))

@@ -29,7 +29,8 @@ import numpy.typing as npt
 from laisn.arrays import Floats, RecordFields, Records, row_dtype
 from laisn.compiled import compiled, select
 from laisn.errors import LaisnError
-from laisn.geometry import signed_angle
+from laisn.geometry import wrap_angle
+from laisn.vector_math import arcsin, arctan2, sin_cos
 from sim.attitude import Pose, Twist, Vector, rotation, transposed
 from sim.control.allocation import (
     FULL_STEERAGE_SPEED,
@@ -47,6 +48,7 @@ from sim.control.allocation import (
 from sim.control.guidance import Reference
 from sim.vehicle import effectors
 from sim.vehicle.effector_kinds import EFFECTOR, MAX_EFFECTORS, MIN_STEERAGE_SPEED
+from sim.vehicle.hydrodynamics import linear_share
 from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
 
@@ -71,6 +73,7 @@ AUTOPILOT_MEMORY = row_dtype(AutopilotMemory)
 
 
 CLIMB_MAX = float(np.deg2rad(20.0))  # steepest climb and dive [rad]
+_SIN_CLIMB_MAX = float(np.sin(CLIMB_MAX))
 # most incidence used for lift [rad]; hulls of this kind stall soon after
 INCIDENCE_MAX = float(np.deg2rad(12.0))
 PITCH_RATE_MAX = float(np.deg2rad(5.0))  # largest rate of the pitch command [rad/s]
@@ -323,10 +326,10 @@ def _hold_depth(
     uses_pitch = by_pitch > 0.0
     incidence_wanted = by_pitch * memory.depth_integral / select(uses_pitch, lift_slope, 1.0)
     incidence = select(uses_pitch, clip(incidence_wanted, -INCIDENCE_MAX, INCIDENCE_MAX), 0.0)
-    max_sink_rate = speed * np.sin(CLIMB_MAX)
+    max_sink_rate = speed * _SIN_CLIMB_MAX
     depth_by_pitch_bandwidth = d.omega / 5.0
     sink_rate = reference.sinking + depth_by_pitch_bandwidth * height_error
-    climb = -np.arcsin(clip(sink_rate, -max_sink_rate, max_sink_rate) / speed)
+    climb = -arcsin(clip(sink_rate, -max_sink_rate, max_sink_rate) / speed)
     last_command = memory.pitch_command
     step = PITCH_RATE_MAX * dt
     memory.pitch_command += clip(by_pitch * climb + incidence - last_command, -step, step)
@@ -373,8 +376,8 @@ def true_motion(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
     flow = (twist[0] - water[0], twist[1] - water[1], twist[2] - water[2])
     surge = flow[0] * forward[0] + flow[1] * forward[1] + flow[2] * forward[2]
     sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
-    heading = np.arctan2(forward[0], forward[1])
-    pitch = np.arcsin(clip(forward[2], -1.0, 1.0))
+    heading = arctan2(forward[0], forward[1])
+    pitch = arcsin(clip(forward[2], -1.0, 1.0))
     return HullMotion(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
 
 
@@ -432,20 +435,22 @@ def control(
     # X = m_u (a_r + ½ ω (u_r − u)) + integral + D(u). With the hull pitched, its way over ground is
     # shorter than its way through the water. Drag, here and below, is that of when the thrusters
     # will have followed
-    cos_pitch = max(np.cos(pitch), 0.5)
+    sin_pitch, cos_pitch = sin_cos(pitch)
+    cos_pitch = max(cos_pitch, 0.5)
     speed_error = speed_wanted / cos_pitch - surge
     speed_after_lag = speed_wanted / cos_pitch + lag * reference.acceleration
     thrust = (
         d.surge_mass * (reference.acceleration + 0.5 * omega * speed_error) + memory.speed_integral
     )
     thrust += (
-        d.drag_linear * np.exp(-d.drag_fade * abs(speed_after_lag)) + d.drag * abs(speed_after_lag)
+        d.drag_linear * linear_share(d.drag_fade, abs(speed_after_lag))
+        + d.drag * abs(speed_after_lag)
     ) * speed_after_lag
 
     # N = −I_z (α_r + ω² (ψ_d − ψ) + 2 ω (r_d − r)) − slip + integral − D(r_d) and
     # Y = −(m_u u − F |u|) r_d − ½ m_v ω v; moments to port are positive, turns to port are negative
     turn_after_lag = turn_wanted + lag * reference.turn_acceleration
-    heading_error = signed_angle(heading_wanted - heading)
+    heading_error = wrap_angle(heading_wanted - heading)
     turn_moment = -d.yaw_inertia * (
         reference.turn_acceleration
         + omega * omega * heading_error
@@ -470,7 +475,7 @@ def control(
         omega * omega * pitch_error + 2.0 * omega * (pitch_rate_wanted + motion.pitching)
     )
     # the Munk moment that fins leave, by the speed across the hull
-    pitch_moment -= d.pitch_munk * surge * (motion.sinking + surge * np.sin(pitch)) / cos_pitch
+    pitch_moment -= d.pitch_munk * surge * (motion.sinking + surge * sin_pitch) / cos_pitch
     pitch_moment += (
         memory.pitch_integral
         + d.righting * pitch_wanted

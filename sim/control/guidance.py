@@ -28,8 +28,9 @@ import numpy as np
 from laisn.arrays import Floats, RecordFields, Records, records, row_dtype
 from laisn.compiled import compiled, select
 from laisn.errors import LaisnError
-from laisn.geometry import signed_angle
+from laisn.geometry import wrap_angle
 from laisn.simd import all_lanes, any_lane
+from laisn.vector_math import arctan, arctan2, sin_cos
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
@@ -212,7 +213,7 @@ def start_guidance(
     """Initialise the memory of guidance for a vehicle at its start, by its heading and speed
     through the water.
     """
-    memory.heading = reference.course + signed_angle(heading - reference.course)
+    memory.heading = reference.course + wrap_angle(heading - reference.course)
     memory.speed = max(speed, MIN_COMMANDED_SPEED)
     memory.current[0], memory.current[1] = current
 
@@ -246,7 +247,7 @@ def limit_command(
     limits.
     """
     last_heading = memory.heading
-    turn = signed_angle(heading - last_heading)
+    turn = wrap_angle(heading - last_heading)
     memory.heading += clip(turn, -TURN_RATE * dt, TURN_RATE * dt)
     memory.speed += clip(speed - memory.speed, -ACCELERATION * dt, ACCELERATION * dt)
     return memory.heading, (memory.heading - last_heading) / dt, memory.speed
@@ -278,19 +279,19 @@ def _way_to_place(
     reference: Reference, position: tuple[float, float], memory: GuidanceMemory
 ) -> tuple[float, float]:
     """Heading and speed of `steer` where the route stops, before limits."""
-    sin, cos = np.sin(reference.course), np.cos(reference.course)
+    sin, cos = sin_cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
     through_water_east = clip(east / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[0]
     through_water_north = (
         clip(north / ALONG_TRACK_TIME, -HOLD_SPEED, HOLD_SPEED) - memory.current[1]
     )
     # the smaller this velocity, the more the heading is that of the course
-    heading = np.arctan2(
+    heading = arctan2(
         through_water_east + MIN_COMMANDED_SPEED * sin,
         through_water_north + MIN_COMMANDED_SPEED * cos,
     )
-    ahead = memory.heading
-    return heading, through_water_east * np.sin(ahead) + through_water_north * np.cos(ahead)
+    east_ahead, north_ahead = sin_cos(memory.heading)
+    return heading, through_water_east * east_ahead + through_water_north * north_ahead
 
 
 @compiled
@@ -298,20 +299,21 @@ def _way_along(
     reference: Reference, position: tuple[float, float], memory: GuidanceMemory
 ) -> tuple[float, float]:
     """Heading and speed of `steer` on the way, before limits."""
-    sin, cos = np.sin(reference.course), np.cos(reference.course)
+    sin, cos = sin_cos(reference.course)
     east, north = reference.east - position[0], reference.north - position[1]
     along_track = east * sin + north * cos
     across = east * cos - north * sin
 
     lookahead = max(LOOKAHEAD_MIN, LOOKAHEAD_TIME * reference.speed)
-    course = reference.course + np.arctan(across / lookahead)
+    sin_course, cos_course = sin_cos(reference.course + arctan(across / lookahead))
     bound = CATCH_UP * reference.speed
     speed = reference.speed + clip(along_track / ALONG_TRACK_TIME, -bound, bound)
 
-    through_water_east = speed * np.sin(course) - memory.current[0]
-    through_water_north = speed * np.cos(course) - memory.current[1]
+    through_water_east = speed * sin_course - memory.current[0]
+    through_water_north = speed * cos_course - memory.current[1]
 
-    speed_through_water = max(
-        np.hypot(through_water_east, through_water_north), MIN_COMMANDED_SPEED
+    speed_through_water = np.sqrt(
+        through_water_east * through_water_east + through_water_north * through_water_north
     )
-    return np.arctan2(through_water_east, through_water_north), speed_through_water
+    heading = arctan2(through_water_east, through_water_north)
+    return heading, max(speed_through_water, MIN_COMMANDED_SPEED)

@@ -14,6 +14,7 @@ from laisn.arrays import Floats, RecordFields, row_dtype
 from laisn.compiled import compiled, inlined, select
 from laisn.errors import LaisnError
 from laisn.simd import any_lane
+from laisn.vector_math import arctan2, sin_cos
 from sim.attitude import Vector, cross, plus, scaled
 
 MAX_EFFECTORS = 16  # largest number of effectors of a vehicle
@@ -360,9 +361,9 @@ def fin_force(record: Effector, density: float, deflection: float, local: Vector
     sin_stall = 1.0
     # fixed fins, which are met at every step, need no sine
     if any_lane(deflection != 0.0):
-        sine, cosine = np.sin(deflection), np.cos(deflection)
+        sine, cosine = sin_cos(deflection)
     if any_lane(p[2] < 0.5 * np.pi):
-        sin_stall = select(p[2] < 0.5 * np.pi, np.sin(p[2]), 1.0)
+        sin_stall, _ = sin_cos(min(p[2], 0.5 * np.pi))
     sin_incidence = min(max((u * sine - across * cosine) / speed, -sin_stall), sin_stall)
     scale = 0.5 * density * p[0]
     cos_incidence = np.sqrt(1.0 - sin_incidence * sin_incidence)
@@ -389,11 +390,12 @@ def foil_force(record: Effector, density: float, deflection: float, local: Vecto
     across = local[0] * e[0] + local[1] * e[1] + local[2] * e[2]
     speed_squared = local[0] * local[0] + local[1] * local[1] + local[2] * local[2]
     in_plane_squared = ahead_speed * ahead_speed + across * across
-    chordwise_speed = ahead_speed * np.cos(deflection) + across * np.sin(deflection)
+    sine, cosine = sin_cos(deflection)
+    chordwise_speed = ahead_speed * cosine + across * sine
     # in water at rest, and from behind, there may be no force
     flows = (speed_squared > MIN_FLOW_SPEED * MIN_FLOW_SPEED) & (in_plane_squared != 0.0)
     acts = flows & ((chordwise_speed > 0.0) | (p[7] != 0.0))
-    incidence = p[4] + deflection + np.arctan2(-across, ahead_speed)
+    incidence = p[4] + deflection + arctan2(-across, ahead_speed)
     while any_lane(abs(incidence) > 0.5 * np.pi):
         reversed_incidence = incidence - np.copysign(np.pi, incidence)
         incidence = select(abs(incidence) > 0.5 * np.pi, reversed_incidence, incidence)

@@ -23,6 +23,7 @@ import numpy as np
 from laisn.arrays import Floats, Records
 from laisn.compiled import compiled, inlined, select
 from laisn.simd import all_lanes, any_lane
+from laisn.vector_math import exp
 from sim.attitude import (
     Matrix,
     Pose,
@@ -44,6 +45,12 @@ from sim.water.environment import Environment, SeaInstant, elevation_at, flow, s
 
 
 @inlined
+def linear_share(fade: float, speed: float) -> float:
+    """Share of its linear damping that a hull has at a speed, exp(−fade U)."""
+    return exp(-min(fade * speed, 700.0))
+
+
+@inlined
 def _damp(c: Coefficients, i: int, speed: float, rate: float, faded: float) -> tuple[float, float]:
     """Damping along or about axis i, and the factor exp(−fade U) of the linear one.
 
@@ -55,7 +62,7 @@ def _damp(c: Coefficients, i: int, speed: float, rate: float, faded: float) -> t
     if i == 0 or any_lane(fade[i] != fade[i - 1]):
         faded = 1.0
         if any_lane(fade[i] != 0.0):
-            faded = np.exp(-fade[i] * speed)
+            faded = linear_share(fade[i], speed)
     return -(c.linear_damping[i] * faded + c.quadratic_damping[i] * abs(rate)) * rate, faded
 
 

@@ -8,7 +8,7 @@ import pytest
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.simd import LANES, lanes_of
-from laisn.vector_math import exp, half_turn_angle, log, sin_cos
+from laisn.vector_math import arcsin, arctan, arctan2, exp, half_turn_angle, log, sin_cos
 
 
 @compiled
@@ -19,6 +19,28 @@ def _functions(x: Floats, y: Floats) -> Floats:
         out[i, 1], out[i, 2] = sin_cos(x[i])
         out[i, 3] = half_turn_angle(x[i], y[i])
     return out
+
+
+@compiled
+def _angles(y: Floats, x: Floats, sine: Floats) -> Floats:
+    out = np.empty((x.size, 3))
+    for i in range(x.size):
+        out[i, 0] = arctan2(y[i], x[i])
+        out[i, 1] = arctan(y[i])
+        out[i, 2] = arcsin(sine[i])
+    return out
+
+
+@compiled
+def _angles_in_lanes(y: Floats, x: Floats, sine: Floats, out: Floats) -> None:
+    ys = lanes_of(y)
+    xs = lanes_of(x)
+    sines = lanes_of(sine)
+    results = lanes_of(out)
+    for i in range(x.shape[0]):
+        results[i, 0] = arctan2(ys[i], xs[i])
+        results[i, 1] = arctan(ys[i])
+        results[i, 2] = arcsin(sines[i])
 
 
 @compiled
@@ -53,6 +75,46 @@ def test_functions_of_lanes_have_the_bits_of_those_of_numbers() -> None:
         of_lanes = np.ascontiguousarray(out[:, i].ravel())
         of_numbers = np.ascontiguousarray(expected[:, i])
         np.testing.assert_array_equal(of_lanes.view(np.uint64), of_numbers.view(np.uint64))
+
+
+def _vectors() -> tuple[Floats, Floats, Floats]:
+    """Components y and x of vectors of all directions and many lengths, the axes and diagonals
+    among them, and sines, the ends of their range among them; shape (500, LANES) each.
+    """
+    generator = np.random.default_rng(11)
+    angle = generator.uniform(-np.pi, np.pi, (500, LANES))
+    length = 10.0 ** generator.uniform(-8.0, 3.0, angle.shape)
+    y = length * np.sin(angle)
+    x = length * np.cos(angle)
+    y[0] = [0.0, 0.0, 1.0, -1.0, 2.0, 2.0, -2.0, -2.0]
+    x[0] = [3.0, -3.0, 0.0, 0.0, 2.0, -2.0, 2.0, -2.0]
+    sine = generator.uniform(-1.0, 1.0, angle.shape)
+    sine[0] = [1.0, -1.0, 0.0, 1.0 - 1e-12, 1e-9 - 1.0, 1e-300, 0.5, -0.5]
+    return y, x, sine
+
+
+def test_angles_agree_with_the_library_in_all_quadrants() -> None:
+    y, x, sine = (values.ravel() for values in _vectors())
+    result = _angles(y, x, sine)
+    assert result[:, 0] == pytest.approx(np.arctan2(y, x), abs=1e-15, rel=1e-15)
+    assert result[:, 1] == pytest.approx(np.arctan(y), abs=1e-15, rel=1e-15)
+    assert result[:, 2] == pytest.approx(np.arcsin(sine), abs=1e-15, rel=1e-15)
+
+
+def test_angle_of_no_vector_is_zero_with_the_sign_of_its_first_component() -> None:
+    zeros = np.array([0.0, -0.0])
+    result = _angles(zeros, np.zeros(2), zeros)
+    np.testing.assert_array_equal(np.signbit(result[:, 0]), [False, True])
+    np.testing.assert_array_equal(result, np.zeros((2, 3)))
+
+
+def test_angles_of_lanes_have_the_bits_of_those_of_numbers() -> None:
+    y, x, sine = _vectors()
+    out = np.empty((len(y), 3, LANES))
+    _angles_in_lanes(y, x, sine, out)
+    alone = _angles(y.ravel(), x.ravel(), sine.ravel())
+    of_lanes = np.moveaxis(out, 1, 2).reshape(-1, 3)
+    np.testing.assert_array_equal(of_lanes, alone)
 
 
 @pytest.mark.system
