@@ -17,11 +17,11 @@ from laisn import lanes
 from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.estimates import FixKind
-from laisn.geometry import Point, sin_cos_of
+from laisn.geometry import Point, SinCos
 from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
-from laisn.vector_math import to_bits
+from laisn.vector_math import sin_cos, to_bits
 from sim.sensing import sensors
 from sim.sensing.noise import (
     LEADER_STREAMS,
@@ -86,6 +86,60 @@ def _bin(value: float, first: int) -> np.int64:
     return number if number < BINS - 1 else np.int64(BINS - 1)
 
 
+class Judged(NamedTuple):
+    """How far an estimate of one step is off."""
+
+    squared: float  # squared error of position [m²]
+    error: float  # error of position [m]
+    bearing: float  # error of bearing [rad]
+    is_mirror_locked: bool
+    nees: float  # NaN where the covariance is singular
+
+
+@inlined
+def _judge(
+    estimate: Point,
+    covariance: tuple[float, float, float],
+    truth: Point,
+    leader: Point,
+    axis: SinCos,
+) -> Judged:
+    """Judge an estimate by its covariance xx, xy, yy and the true places of hydrophone and leader,
+    whose heading is `axis`.
+    """
+    squared = squared_error(estimate, truth)
+    pxx, pxy, pyy = covariance
+    return Judged(
+        squared,
+        math.sqrt(squared),
+        bearing_error(estimate, truth, leader),
+        is_mirror_locked(estimate, truth, leader, axis),
+        normalised_square(estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy),
+    )
+
+
+@inlined
+def _add_judged(judged: Judged, lane: int, tally: Floats) -> None:
+    """Add an estimate of the next step of a lane's run to a tally."""
+    error = judged.error
+    bearing = judged.bearing
+    tally[SUM_P + lane] += error
+    tally[SQUARES_P + lane] += judged.squared
+    tally[MAX_P + lane] = error if error > tally[MAX_P + lane] else tally[MAX_P + lane]
+    tally[SUM_B + lane] += bearing
+    tally[SQUARES_B + lane] += bearing * bearing
+    tally[MAX_B + lane] = bearing if bearing > tally[MAX_B + lane] else tally[MAX_B + lane]
+    mirror_lock = tally[MIRROR_LOCK + lane] + 1.0 if judged.is_mirror_locked else 0.0
+    tally[MIRROR_LOCK + lane] = mirror_lock
+    longest = tally[LONGEST_MIRROR_LOCK + lane]
+    tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
+    nees = judged.nees
+    has_nees = nees == nees
+    tally[NEES + lane] = nees
+    tally[SUM_NEES + lane] += nees if has_nees else 0.0
+    tally[COUNT_NEES + lane] += 1.0 if has_nees else 0.0
+
+
 @compiled
 def tally_step(
     block: Floats,
@@ -102,40 +156,54 @@ def tally_step(
     """
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
-    axis = sin_cos_of(leader[2])
+    sine, cosine = sin_cos(leader[2])
+    axis = SinCos(sine, cosine)
     for lane in range(lanes.in_use(block)):
         estimate = lanes.point_at(block, lanes.X, lane)
-        squared = squared_error(estimate, truth)
-        error = math.sqrt(squared)
-        bearing = bearing_error(estimate, truth, origin)
-        tally[SUM_P + lane] += error
-        tally[SQUARES_P + lane] += squared
-        tally[MAX_P + lane] = error if error > tally[MAX_P + lane] else tally[MAX_P + lane]
-        tally[SUM_B + lane] += bearing
-        tally[SQUARES_B + lane] += bearing * bearing
-        tally[MAX_B + lane] = bearing if bearing > tally[MAX_B + lane] else tally[MAX_B + lane]
-        bins[lane] = _bin(error, _FIRST_P)
-        bins[LANES + lane] = _bin(bearing, _FIRST_B)
+        covariance = block[lanes.PXX + lane], block[lanes.PXY + lane], block[lanes.PYY + lane]
+        judged = _judge(estimate, covariance, truth, origin, axis)
+        bins[lane] = _bin(judged.error, _FIRST_P)
+        bins[LANES + lane] = _bin(judged.bearing, _FIRST_B)
+        _add_judged(judged, lane, tally)
 
-        mirror_lock = (
-            tally[MIRROR_LOCK + lane] + 1.0
-            if is_mirror_locked(estimate, truth, origin, axis)
-            else 0.0
-        )
-        tally[MIRROR_LOCK + lane] = mirror_lock
-        longest = tally[LONGEST_MIRROR_LOCK + lane]
-        tally[LONGEST_MIRROR_LOCK + lane] = mirror_lock if mirror_lock > longest else longest
 
-        pxx = block[lanes.PXX + lane]
-        pxy = block[lanes.PXY + lane]
-        pyy = block[lanes.PYY + lane]
-        nees = normalised_square(
-            estimate.east - truth.east, estimate.north - truth.north, pxx, pxy, pyy
+# What is judged of an estimate: rows of a block.
+_JUDGED_ROWS = (lanes.X, lanes.Y, lanes.PXX, lanes.PXY, lanes.PYY)
+
+
+@compiled
+def _tally_alone(
+    states: Floats, own: Floats, tally: Floats, histograms: Ints, nees: Floats
+) -> None:
+    """The same as `tally_step` and `fill_histograms` do for each step, of a run that is alone in
+    its block: its steps are judged side by side, as runs are else, and then added up in order.
+
+    `states` are x, y and covariance xx, xy, yy of each step, shape (5, n), and `own` is as of
+    `TruthRecord`; out: tally, histograms, and the NEES of each step, shape (n,).
+    """
+    n = own.shape[0]
+    squared = np.empty(n)
+    bearing = np.empty(n)
+    mirrored = np.empty(n)
+    for k in range(n):
+        sine, cosine = sin_cos(own[k, 7])
+        judged = _judge(
+            Point(states[0, k], states[1, k]),
+            (states[2, k], states[3, k], states[4, k]),
+            Point(own[k, 3], own[k, 4]),
+            Point(own[k, 5], own[k, 6]),
+            SinCos(sine, cosine),
         )
-        has_nees = nees == nees
-        tally[NEES + lane] = nees
-        tally[SUM_NEES + lane] += nees if has_nees else 0.0
-        tally[COUNT_NEES + lane] += 1.0 if has_nees else 0.0
+        squared[k] = judged.squared
+        bearing[k] = judged.bearing
+        mirrored[k] = 1.0 if judged.is_mirror_locked else 0.0
+        nees[k] = judged.nees
+    for k in range(n):
+        error = math.sqrt(squared[k])
+        histograms[0, _bin(error, _FIRST_P)] += 1
+        histograms[1, _bin(bearing[k], _FIRST_B)] += 1
+        judged = Judged(squared[k], error, bearing[k], mirrored[k] > 0.0, nees[k])
+        _add_judged(judged, 0, tally)
 
 
 @compiled
@@ -519,6 +587,34 @@ class Prepared(NamedTuple):
 
 
 @compiled
+def _receive(
+    block: Floats,
+    noise: Noise,
+    errors: SensorErrors,
+    transmitters: int,
+    truth: TruthRecord,
+    prepared: Prepared,
+    i: int,
+) -> None:
+    """Fill the rows of message number i."""
+    if prepared.own.shape[0] > 0:
+        copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
+        return
+    k = truth.message_step[i]
+    emitted = truth.emission_step[i]
+    steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
+    depth = truth.own[k - 1, 2]
+    sense_message(block, noise, (errors, transmitters), truth.sent[i], depth, steps)
+
+
+@compiled
+def _keep_states(block: Floats, k: int, states: Floats) -> None:
+    """Copy what is judged of the first lane after step k."""
+    for j, first in enumerate(_JUDGED_ROWS):
+        states[j, k - 1] = block[first]
+
+
+@compiled
 def fly_block(
     truth: TruthRecord,
     errors: SensorErrors,
@@ -543,6 +639,8 @@ def fly_block(
     bins = np.zeros(2 * LANES, dtype=np.int64)
     histograms = np.zeros((2, BINS), dtype=np.int64)
     nees = np.empty(n)
+    # of a run that is alone: as of `_tally_alone`
+    states = np.empty((len(_JUDGED_ROWS), n if computed == 1 else 0))
     fixes = lanes.fix_rows(t.variant)
     prior = lanes.no_prior()
     i = 0
@@ -550,35 +648,33 @@ def fly_block(
         readings = truth.own[k - 1]
         received = i < m and truth.message_step[i] == k
         if prepared.states.shape[0] > 0:
-            for j, first in enumerate((lanes.X, lanes.Y, lanes.PXX, lanes.PXY, lanes.PYY)):
+            for j, first in enumerate(_JUDGED_ROWS):
                 copy_values(prepared.states[k - 1, j], block[first : first + LANES])
         else:
             if prepared.own.shape[0] > 0:
                 copy_values(prepared.own[k - 1], block[lanes.SPEED : lanes.SIN])
-                if received:
-                    copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
             else:
                 sense_own(block, noise, errors, readings[0], readings[1], k)
-                if received:
-                    emitted = truth.emission_step[i]
-                    steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
-                    sense_message(
-                        block,
-                        noise,
-                        (errors, int(t.transmitters)),
-                        truth.sent[i],
-                        readings[2],
-                        steps,
-                    )
+            if received:
+                _receive(block, noise, errors, int(t.transmitters), truth, prepared, i)
             lanes.advance(block, t, k, received, prior)
             if received:
                 tally_fixes(block, tally, fixes)
         i += received
-        tally_step(
-            block, tally, bins, (readings[3], readings[4]), (readings[5], readings[6], readings[7])
-        )
-        nees[k - 1] = sum_nees(tally, used)
-        fill_histograms(bins, histograms, used)
+        if computed == 1:
+            _keep_states(block, k, states)
+        else:
+            tally_step(
+                block,
+                tally,
+                bins,
+                (readings[3], readings[4]),
+                (readings[5], readings[6], readings[7]),
+            )
+            nees[k - 1] = sum_nees(tally, used)
+            fill_histograms(bins, histograms, used)
         if history.size > 0:
             copy_values(block[lanes.X : lanes.X + 4 * LANES], history[k - 1])
+    if computed == 1:
+        _tally_alone(states, truth.own, tally, histograms, nees)
     return tally, histograms, nees

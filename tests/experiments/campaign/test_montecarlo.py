@@ -156,7 +156,7 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     alone = [Navigator(navigation, truth.start).run(measurements) for measurements in received]
     position = np.stack(
         [
-            metrics.position_errors(estimates.state[:, POSITION], truth.hydrophone)
+            metrics.metrics.position_errors(estimates.state[:, POSITION], truth.hydrophone)
             for estimates in alone
         ]
     )
@@ -260,6 +260,23 @@ def test_percentiles_lie_where_they_fall_within_a_bin() -> None:
     # the largest bounds what a bin may be read as
     largest = (edges[bin_number + 40] + edges[bin_number + 41]) / 2
     assert lane_flight.percentile(histogram, lane_flight.LOWEST_P, 1.0, largest) == largest
+
+
+def test_figures_of_a_run_that_is_alone_are_those_of_its_history() -> None:
+    """Percentiles, and the share of steps whose NEES is likely, are of all its steps."""
+    truth = make_truth(400)
+    cell = Cell(truth=truth, settings=NavigationSettings(dt=DT), runs=range(4, 5))
+    row = simulate(cell).row
+    estimate = histories(cell)[:, :2, 0]
+    errors = metrics.position_errors(estimate, truth.hydrophone)
+    bearings = np.rad2deg(metrics.bearing_errors(estimate, truth.hydrophone, truth.leader_position))
+    for p in (50, 90, 95, 99):
+        assert row[f"e_p_p{p}_m"] == pytest.approx(np.percentile(errors, p), rel=0.02)
+        assert row[f"e_b_p{p}_deg"] == pytest.approx(np.percentile(bearings, p), rel=0.02)
+    assert row["e_p_mean_m"] == pytest.approx(errors.mean(), rel=1e-12)
+    # of two runs, of which this is one, steps are judged one after the other
+    both = simulate(replace(cell, runs=range(4, 6)))
+    assert row["nees"] == both.runs["nees"][0]
 
 
 def test_results_depend_neither_on_threads_nor_on_blocks() -> None:
