@@ -18,6 +18,7 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.estimates import FixKind
 from laisn.geometry import Point, SinCos
+from laisn.held import borrowed_values
 from laisn.lanes import LANES
 from laisn.metrics import bearing_error, is_mirror_locked, normalised_square, squared_error
 from laisn.settings import Tuning
@@ -586,32 +587,87 @@ class Prepared(NamedTuple):
     states: Floats = np.empty((0, 5, LANES))
 
 
+class _Memory(NamedTuple):
+    """What a block works on."""
+
+    block: Floats  # as of `laisn.lanes`
+    tally: Floats
+    bins: Ints  # of the histograms, of a step: a row for position and one for bearing
+    histograms: Ints  # of position and bearing, shape (2, BINS)
+    nees: Floats  # sum over the runs at each step, shape (n,)
+    states: Floats  # of a run that is alone, as of `_tally_alone`; else of shape (5, 0)
+
+
 @compiled
-def _receive(
-    block: Floats,
-    noise: Noise,
-    errors: SensorErrors,
-    transmitters: int,
-    truth: TruthRecord,
-    prepared: Prepared,
+def _measure_step(
+    k: int,
     i: int,
+    received: bool,
+    truth: TruthRecord,
+    receiver: tuple[SensorErrors, int],
+    noise: Noise,
+    prepared: Prepared,
+    block: Floats,
 ) -> None:
-    """Fill the rows of message number i."""
+    """Fill the rows of measurements of step k, and of message i where it is received; `receiver` is
+    as of `sense_message`.
+    """
     if prepared.own.shape[0] > 0:
-        copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
+        copy_values(prepared.own[k - 1], block[lanes.SPEED : lanes.SIN])
+        if received:
+            copy_values(prepared.messages[i], block[lanes.EAST : lanes.X1])
         return
-    k = truth.message_step[i]
-    emitted = truth.emission_step[i]
-    steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
-    depth = truth.own[k - 1, 2]
-    sense_message(block, noise, (errors, transmitters), truth.sent[i], depth, steps)
+    readings = truth.own[k - 1]
+    sense_own(block, noise, receiver[0], readings[0], readings[1], k)
+    if received:
+        emitted = truth.emission_step[i]
+        steps = k, emitted, emitted - truth.emission_step[i - 1] if i > 0 else 0
+        sense_message(block, noise, receiver, truth.sent[i], readings[2], steps)
 
 
 @compiled
-def _keep_states(block: Floats, k: int, states: Floats) -> None:
-    """Copy what is judged of the first lane after step k."""
-    for j, first in enumerate(_JUDGED_ROWS):
-        states[j, k - 1] = block[first]
+def _fly_steps(
+    truth: TruthRecord,
+    errors: SensorErrors,
+    t: Tuning,
+    noise: Noise,
+    used: int,
+    prepared: Prepared,
+    memory: _Memory,
+    history: Floats,
+) -> None:
+    """Fly a block as of `fly_block`, with its results in `memory`."""
+    block = memory.block
+    tally = memory.tally
+    m = truth.message_step.size
+    is_alone = memory.states.shape[1] > 0
+    receiver = errors, int(t.transmitters)
+    fixes = lanes.fix_rows(t.variant)
+    prior = lanes.no_prior()
+    i = 0
+    for k in range(1, truth.own.shape[0] + 1):
+        received = i < m and truth.message_step[i] == k
+        if prepared.states.shape[0] > 0:
+            for j, first in enumerate(_JUDGED_ROWS):
+                copy_values(prepared.states[k - 1, j], block[first : first + LANES])
+        else:
+            _measure_step(k, i, received, truth, receiver, noise, prepared, block)
+            lanes.advance(block, t, k, received, prior)
+            if received:
+                tally_fixes(block, tally, fixes)
+        i += received
+        if is_alone:
+            for j, first in enumerate(_JUDGED_ROWS):
+                memory.states[j, k - 1] = block[first]
+        else:
+            true = truth.own[k - 1]
+            tally_step(block, tally, memory.bins, (true[3], true[4]), (true[5], true[6], true[7]))
+            memory.nees[k - 1] = sum_nees(tally, used)
+            fill_histograms(memory.bins, memory.histograms, used)
+        if history.size > 0:
+            copy_values(block[lanes.X : lanes.X + 4 * LANES], history[k - 1])
+    if is_alone:
+        _tally_alone(memory.states, truth.own, tally, memory.histograms, memory.nees)
 
 
 @compiled
@@ -630,51 +686,26 @@ def fly_block(
     `address` is that of the first run; `used` lanes hold runs, the others are not counted.
     """
     n = truth.own.shape[0]
-    m = truth.message_step.size
     computed = lanes.lanes_for(used)
     noise = new_noise(address, t.dt, computed)
-    block = lanes.new_block(truth.start, t)
-    block[lanes.IDLE] = LANES - computed
-    tally = np.zeros(SIZE)
-    bins = np.zeros(2 * LANES, dtype=np.int64)
-    histograms = np.zeros((2, BINS), dtype=np.int64)
-    nees = np.empty(n)
-    # of a run that is alone: as of `_tally_alone`
-    states = np.empty((len(_JUDGED_ROWS), n if computed == 1 else 0))
-    fixes = lanes.fix_rows(t.variant)
-    prior = lanes.no_prior()
-    i = 0
-    for k in range(1, n + 1):
-        readings = truth.own[k - 1]
-        received = i < m and truth.message_step[i] == k
-        if prepared.states.shape[0] > 0:
-            for j, first in enumerate(_JUDGED_ROWS):
-                copy_values(prepared.states[k - 1, j], block[first : first + LANES])
-        else:
-            if prepared.own.shape[0] > 0:
-                copy_values(prepared.own[k - 1], block[lanes.SPEED : lanes.SIN])
-            else:
-                sense_own(block, noise, errors, readings[0], readings[1], k)
-            if received:
-                _receive(block, noise, errors, int(t.transmitters), truth, prepared, i)
-            lanes.advance(block, t, k, received, prior)
-            if received:
-                tally_fixes(block, tally, fixes)
-        i += received
-        if computed == 1:
-            _keep_states(block, k, states)
-        else:
-            tally_step(
-                block,
-                tally,
-                bins,
-                (readings[3], readings[4]),
-                (readings[5], readings[6], readings[7]),
-            )
-            nees[k - 1] = sum_nees(tally, used)
-            fill_histograms(bins, histograms, used)
-        if history.size > 0:
-            copy_values(block[lanes.X : lanes.X + 4 * LANES], history[k - 1])
-    if computed == 1:
-        _tally_alone(states, truth.own, tally, histograms, nees)
-    return tally, histograms, nees
+    memory = _Memory(
+        lanes.new_block(truth.start, t),
+        np.zeros(SIZE),
+        np.zeros(2 * LANES, dtype=np.int64),
+        np.zeros((2, BINS), dtype=np.int64),
+        np.empty(n),
+        np.empty((len(_JUDGED_ROWS), n if computed == 1 else 0)),
+    )
+    memory.block[lanes.IDLE] = LANES - computed
+    # to count references to all arrays at each step would take a fifth of the time
+    _fly_steps(
+        borrowed_values(truth),
+        errors,
+        t,
+        borrowed_values(noise),
+        used,
+        borrowed_values(prepared),
+        borrowed_values(memory),
+        borrowed_values(history),
+    )
+    return memory.tally, memory.histograms, memory.nees

@@ -156,7 +156,7 @@ def test_metrics_are_those_of_the_histories(variant: Variant) -> None:
     alone = [Navigator(navigation, truth.start).run(measurements) for measurements in received]
     position = np.stack(
         [
-            metrics.metrics.position_errors(estimates.state[:, POSITION], truth.hydrophone)
+            metrics.position_errors(estimates.state[:, POSITION], truth.hydrophone)
             for estimates in alone
         ]
     )
