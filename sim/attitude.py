@@ -239,7 +239,7 @@ def _pitches(rows: Floats, pitches: Floats) -> None:
 
 def _each_angle(write: Callable[[Floats, Floats], None], quaternion: Floats) -> Floats:
     """What a compiled function writes of attitudes of shape (…, 4): of shape (…,)."""
-    rows = np.ascontiguousarray(quaternion, dtype=np.float64).reshape(-1, 4)
+    rows = np.asarray(quaternion, dtype=np.float64).reshape(-1, 4)
     angles = np.empty(len(rows))
     write(rows, angles)
     return angles.reshape(quaternion.shape[:-1])

@@ -34,15 +34,16 @@ def disc_power(thrust: Any, inflow: Any, density: float) -> Any:
 def _total_powers(
     thrust: Floats, speed: Floats, along: Floats, density: float, power: Floats
 ) -> None:
-    """Power of all m thrusters at each instant, shape (n,): of each the thrust, shape (n, m), and
-    force along the hull for a unit of it, shape (m,), at the hull's forward speed, shape (n,).
+    """Add the power of all m thrusters to those of each instant, shape (n,): of each the thrust,
+    shape (m, n), and force along the hull for a unit of it, shape (m,), at the hull's forward
+    speed, shape (n,).
     """
-    for k in range(thrust.shape[0]):
-        total = 0.0
-        for i in range(thrust.shape[1]):
-            inflow = speed[k] * along[i] * np.sign(thrust[k, i])
-            total += disc_power(thrust[k, i], inflow, density)
-        power[k] = total
+    # one thruster after the other, so that instants are computed several at once
+    for i in range(thrust.shape[0]):
+        for k in range(thrust.shape[1]):
+            forward = speed[k] * along[i]
+            inflow = select(thrust[i, k] < 0.0, -forward, forward)
+            power[k] += disc_power(thrust[i, k], inflow, density)
 
 
 def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floats:
@@ -53,14 +54,15 @@ def thruster_power(trajectory: Trajectory, vehicle: int, density: float) -> Floa
     have none.
     """
     # states of all effectors, which are thrusts [N] of thrusters alone
-    thrust = np.ascontiguousarray(trajectory.effector_states[:, vehicle])
+    states = trajectory.effector_states[:, vehicle]
     force = trajectory.effector_force[vehicle]  # of a unit of thrust, shape (m, 3), [-]
-    power = np.full(len(thrust), np.nan)
     # of fins and other effectors, whose states are no thrusts; records that pad a vehicle have no
     # force either, and their state is always 0
-    not_thrusters = ~force.any(axis=1)
-    if not_thrusters.any() and thrust[:, not_thrusters].any():
-        return power
+    are_thrusters = force.any(axis=1)
+    if states[:, ~are_thrusters].any():
+        return np.full(len(states), np.nan)
+    thrust = np.ascontiguousarray(states[:, are_thrusters].T)
     speed = np.ascontiguousarray(trajectory.forward_speed[:, vehicle])
-    _total_powers(thrust, speed, np.ascontiguousarray(force[:, 0]), density, power)
+    power = np.zeros(len(states))
+    _total_powers(thrust, speed, force[are_thrusters, 0], density, power)
     return power

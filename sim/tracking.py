@@ -9,12 +9,14 @@ flight, they are followed along the leader's plan (`closest_stations`).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Bools, Floats, Ints, RecordFields, Records, records, row_dtype
-from laisn.compiled import compiled
+from laisn.compiled import compiled, jitable
+from laisn.held import borrowed_values
 from sim import attitude
 from sim.assembly import routes_of
 from sim.control.station import FRAME_STATE, STATION, TRAIL, extend, station_at, turn_frame
@@ -37,62 +39,113 @@ FOLLOWER_HALF_M = 0.7
 HULL_RADIUS_M = 0.1  # its radius [m]
 
 
+@jitable
+def _squared_distance(points: Floats, first: int, last: int, east: float, north: float) -> float:
+    """Squared distance of a place [m²] to the nearest of the legs between points, shape (m, 2),
+    from number `first` to `last`.
+    """
+    least = math.inf
+    for leg in range(first, last + 1):
+        along_east = points[leg + 1, 0] - points[leg, 0]
+        along_north = points[leg + 1, 1] - points[leg, 1]
+        off_east = east - points[leg, 0]
+        off_north = north - points[leg, 1]
+        length_squared = along_east * along_east + along_north * along_north
+        # where the vehicle stops, the leg is a point
+        dot = off_east * along_east + off_north * along_north
+        share = min(max(dot / (length_squared if length_squared > 0.0 else 1.0), 0.0), 1.0)
+        off_east -= share * along_east
+        off_north -= share * along_north
+        least = min(least, off_east * off_east + off_north * off_north)
+    return least
+
+
 @compiled
-def _squared_distances(
-    first: Ints, last: Ints, start: Floats, legs: Floats, position: Floats, nearest: Floats
-) -> None:
-    """Squared distance of each of n places, shape (n, 2), to the nearest of the legs from number
-    `first` to `last`, shape (n,), that begin at `start` and lead along `legs`, shape (m, 2).
+def _squared_distances(points: Floats, position: Floats, squared: Floats) -> None:
+    """Write the squared distance of each of n places, shape (n, 2), to the nearest of all legs
+    between points, shape (n,).
     """
+    last = points.shape[0] - 2
+    # references to arrays are not counted at each place
+    ends = borrowed_values(points)
     for k in range(position.shape[0]):
-        least = math.inf
-        for leg in range(first[k], last[k] + 1):
-            along_east = legs[leg, 0]
-            along_north = legs[leg, 1]
-            east = position[k, 0] - start[leg, 0]
-            north = position[k, 1] - start[leg, 1]
-            length_squared = along_east * along_east + along_north * along_north
-            # where the vehicle stops, the leg is a point
-            dot = east * along_east + north * along_north
-            share = min(max(dot / (length_squared if length_squared > 0.0 else 1.0), 0.0), 1.0)
-            east -= share * along_east
-            north -= share * along_north
-            least = min(least, east * east + north * north)
-        nearest[k] = least
+        squared[k] = _squared_distance(ends, 0, last, position[k, 0], position[k, 1])
 
 
-def _distances(first: Ints, last: Ints, points: Floats, position: Floats) -> Floats:
-    """Distance of each of n places, shape (n, 2), to the nearest of the legs between points from
-    number `first` to `last`, shape (n,).
+@compiled
+def _squared_cross_track(
+    points: Floats, arrival: Floats, time: Floats, position: Floats, squared: Floats
+) -> None:
+    """Write the squares of `cross_track`; `arrival` are the times at the points of the route, shape
+    (m,), [s].
     """
-    legs = np.diff(points, axis=0)
-    nearest = np.empty(len(position))
-    _squared_distances(first, last, points, legs, np.ascontiguousarray(position), nearest)
-    return np.sqrt(nearest, out=nearest)
+    last = points.shape[0] - 2
+    ends = borrowed_values(points)
+    due = 0
+    for k in range(time.size):
+        if time[k] < arrival[due]:
+            due = 0
+        while due < last and arrival[due + 1] <= time[k]:
+            due += 1
+        first_leg = max(due - 1, 0)
+        last_leg = min(due + 1, last)
+        squared[k] = _squared_distance(ends, first_leg, last_leg, position[k, 0], position[k, 1])
 
 
 def cross_track(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance at times (n,), [s], from places (n, 2), [m], to the leg that is due or a
     neighbour, the nearest, [m].
     """
-    last = route.time.size - 2
-    planned_leg = np.clip(np.searchsorted(route.time, time, side="right") - 1, 0, last)
-    first_leg = np.maximum(planned_leg - 1, 0)
-    last_leg = np.minimum(planned_leg + 1, last)
-    return _distances(first_leg, last_leg, route.waypoint, position)
+    squared = np.empty(time.size)
+    _squared_cross_track(route.waypoint, route.time, time, position, squared)
+    return np.sqrt(squared, out=squared)
+
+
+class _PlannedPlaces(NamedTuple):
+    """Where the point motion along a route is at times, arrays of shape (n,), [s] and [m]."""
+
+    time: Floats
+    east: Floats
+    north: Floats
+
+
+class _PlannedWay:
+    """The way of the point motion along a route: it keeps its places at the times that it was last
+    asked for, which missions of a study that share the route have in common.
+    """
+
+    def __init__(self, route: Route) -> None:
+        self._plan = planned_motion(route)
+        self._last = _PlannedPlaces(np.empty(0), np.empty(0), np.empty(0))
+
+    def at(self, time: Floats) -> _PlannedPlaces:
+        """Places at times of shape (n,), [s]."""
+        # another thread may put others in their place
+        last = self._last
+        if np.array_equal(time, last.time):
+            return last
+        planned = self._plan.at(time)
+        places = _PlannedPlaces(time.copy(), planned.east, planned.north)
+        self._last = places
+        return places
+
+
+@lru_cache(maxsize=16)
+def _planned_way(route: Route) -> _PlannedWay:
+    return _PlannedWay(route)
 
 
 def track_error(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance to where the point motion along the route is, shape (n,), [m]; arguments as of
     `cross_track`.
     """
-    plan = planned_motion(route)
+    way = _planned_way(route)
     errors = np.empty(time.size)
     for block in blocks(time.size):
-        planned = plan.at(time[block])
-        errors[block] = np.hypot(
-            position[block, 0] - planned.east, position[block, 1] - planned.north
-        )
+        planned = way.at(time[block])
+        east = position[block, 0] - planned.east
+        north = position[block, 1] - planned.north
+        errors[block] = np.sqrt(east * east + north * north)
     return errors
 
 
@@ -128,10 +181,9 @@ def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
     last = points[-1] - points[-2]
     if last.any():
         points = np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
-    first_leg = np.zeros(time.size, dtype=np.int64)
-    last_leg = np.full(time.size, len(points) - 2)
-    horizontal = _distances(first_leg, last_leg, points, position[:, :2])
-    return np.asarray(np.hypot(horizontal, position[:, 2] + route.depth.depth_at(time)))
+    squared = np.empty(time.size)
+    _squared_distances(points, np.ascontiguousarray(position[:, :2]), squared)
+    return np.asarray(np.hypot(np.sqrt(squared), position[:, 2] + route.depth.depth_at(time)))
 
 
 def first_departure(time: Floats, pose: Floats, bounds: MissionBounds) -> Departure | None:
@@ -252,6 +304,26 @@ class PairDistances(NamedTuple):
     bound: Floats  # no distance is less at any instant
 
 
+@compiled
+def _farthest_moves(places: Floats, squared: Floats) -> None:
+    """Write the squared length of the farthest move of each of v vehicles from where each window of
+    instants begins, shape (windows, v); NaN where a place is not a number.
+    """
+    for i in range(squared.shape[0]):
+        begin = i * _WINDOW
+        end = min(begin + _WINDOW, places.shape[0])
+        for vehicle in range(places.shape[1]):
+            farthest = 0.0
+            for k in range(begin, end):
+                length = 0.0
+                for axis in range(places.shape[2]):
+                    move = places[k, vehicle, axis] - places[begin, vehicle, axis]
+                    length += move * move
+                if length > farthest or math.isnan(length):
+                    farthest = length
+            squared[i, vehicle] = farthest
+
+
 def pair_distances(places: Floats) -> PairDistances:
     """Bounds of the least distances of vehicles at places of shape (n, v, 2 or 3), [m].
 
@@ -259,21 +331,11 @@ def pair_distances(places: Floats) -> PairDistances:
     by no more than they move. So the time grows with the pairs, but hardly with pairs times
     instants.
     """
-    n, count = places.shape[:2]
-    looks = np.arange(0, n, _WINDOW)
-    at_looks = places[looks]
-    moved_distance = np.empty((looks.size, count))
-    for block in blocks(n):
-        # windows do not reach over the end of a block
-        windows = slice(block.start // _WINDOW, block.stop // _WINDOW)
-        begins = looks[windows] - block.start
-        for vehicle in range(count):
-            positions = places[block, vehicle]
-            starts = np.repeat(at_looks[windows, vehicle], _WINDOW, axis=0)[: len(positions)]
-            moves = positions - starts
-            moved_distance[windows, vehicle] = np.sqrt(
-                np.maximum.reduceat(squared_lengths(moves), begins)
-            )
+    count = places.shape[1]
+    at_looks = places[::_WINDOW].copy()
+    squared_moves = np.empty((len(at_looks), count))
+    _farthest_moves(places, squared_moves)
+    moved_distance = np.sqrt(squared_moves)
     at_instants = np.full((count, count), np.inf)
     bound = at_instants.copy()
     for i in range(1, count):
@@ -282,6 +344,37 @@ def pair_distances(places: Floats) -> PairDistances:
         at_instants[i, :i] = distance.min(axis=0)
         bound[i, :i] = (distance - moved_distance[:, i, None] - moved_distance[:, :i]).min(axis=0)
     return PairDistances(at_instants, bound - _ROUNDING_M)
+
+
+class LeastDistances(NamedTuple):
+    """Least distance of each of v vehicles from each other over a time, shapes (v, v), [m];
+    infinite on the diagonal.
+    """
+
+    in_space: Floats
+    horizontal: Floats  # whatever their depths
+
+
+@compiled
+def _least_squares(position: Floats, in_space: Floats, horizontal: Floats) -> None:
+    """Write the squares of `LeastDistances`, below their diagonals; infinite before."""
+    for k in range(position.shape[0]):
+        for i in range(1, position.shape[1]):
+            for j in range(i):
+                east = position[k, i, 0] - position[k, j, 0]
+                north = position[k, i, 1] - position[k, j, 1]
+                up = position[k, i, 2] - position[k, j, 2]
+                level = east * east + north * north
+                horizontal[i, j] = min(horizontal[i, j], level)
+                in_space[i, j] = min(in_space[i, j], level + up * up)
+
+
+def least_distances(position: Floats) -> LeastDistances:
+    """How near vehicles came to each other, by positions of shape (n, v, 3), [m]."""
+    count = position.shape[1]
+    squares = LeastDistances(np.full((count, count), np.inf), np.full((count, count), np.inf))
+    _least_squares(position, *squares)
+    return LeastDistances(*(np.sqrt(np.minimum(values, values.T)) for values in squares))
 
 
 def _pairs_within(distances: PairDistances, reach: float | Floats) -> list[list[int]]:

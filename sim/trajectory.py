@@ -11,6 +11,7 @@ from numba.extending import overload
 
 from laisn.arrays import ArrayRecord, Floats, Ints, freeze_arrays, require_shapes
 from laisn.compiled import compiled, jitable
+from laisn.held import borrowed_values
 from laisn.spilled import spillable_zeros
 from sim import attitude
 
@@ -99,6 +100,24 @@ def _poses_at(grid_place: Floats, dt: float, pose: Floats, twist: Floats) -> Flo
             for j, value in enumerate(pose_between(grid_place[m] - i, dt, ends, velocity)):
                 poses[m, v, j] = value
     return poses
+
+
+@compiled
+def _forward_speeds(pose: Floats, twist: Floats, water: Floats, speed: Floats) -> None:
+    """Write the speeds through the water of v vehicles at n instants, shape (n, v)."""
+    for k in range(pose.shape[0]):
+        for v in range(pose.shape[1]):
+            speed[k, v] = speed_through_water(pose[k, v], twist[k, v], water[k, v])
+
+
+@compiled
+def _body_points(pose: Floats, offset: Floats, points: Floats) -> None:
+    """Write where a point of a hull is at n poses, shape (n, 7): shape (n, 3)."""
+    # to count references to arrays at each instant would take longer than the rest
+    poses = borrowed_values(pose)
+    place = borrowed_values(offset)
+    for k in range(poses.shape[0]):
+        points[k, 0], points[k, 1], points[k, 2] = attitude.body_point_in_world(poses[k], place)
 
 
 # instants of a block: a multiple of what is looked at together, such as windows of `sim.tracking`
@@ -227,9 +246,7 @@ class Trajectory(ArrayRecord):
         [m/s].
         """
         speed = np.empty(self.position.shape[:2])
-        for block in blocks(len(speed)):
-            arrays = self.pose[block], self.twist[block], self.water_velocity[block]
-            speed[block] = speed_through_water(*(np.moveaxis(array, 2, 0) for array in arrays))
+        _forward_speeds(self.pose, self.twist, self.water_velocity, speed)
         return speed
 
     @property
@@ -246,9 +263,7 @@ class Trajectory(ArrayRecord):
         path = np.empty((self.time.size if index is None else len(index), 3))
         for block in blocks(len(path)):
             instants = block if index is None else index[block]
-            path[block] = np.column_stack(
-                attitude.body_point_in_world(self.pose[instants, v].T, self.site_offset[s])
-            )
+            _body_points(self.pose[instants, v], self.site_offset[s], path[block])
         return path
 
     def part(self, first: int, last: int) -> Self:

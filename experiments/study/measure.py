@@ -25,9 +25,10 @@ from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
 from sim.simulation import DivergedError, EndedError
 from sim.tracking import (
+    LeastDistances,
     contacts,
     cross_track,
-    squared_lengths,
+    least_distances,
     station_keeping,
     track_errors,
     true_stations,
@@ -142,17 +143,14 @@ def _motion_columns(
     }
 
 
-def _distance_columns(motion: MotionSettings, position: Floats, v: int) -> Record:
-    """Columns of the distances of vehicle v from all others; positions of all vehicles, shape (n,
-    vehicles, 3), [m].
-    """
+def _distance_columns(motion: MotionSettings, distances: LeastDistances, v: int) -> Record:
+    """Columns of the least distances of vehicle v from all others."""
     held_depths = np.array([vehicle.held_depth_m for _, vehicle in motion.plan.vehicles()])
-    offsets = np.delete(position, v, axis=1) - position[:, v : v + 1]
-    horizontal = np.hypot(offsets[..., 0], offsets[..., 1]).min(axis=0)
+    horizontal = np.delete(distances.horizontal[v], v)
     is_in_layer = np.abs(np.delete(held_depths, v) - held_depths[v]) < MIN_LAYER_SPACING_M
     horizontal_in_layer = horizontal[is_in_layer]
     return {
-        "closest_approach_m": float(np.sqrt(squared_lengths(offsets).min())),
+        "closest_approach_m": float(distances.in_space[v].min()),
         "closest_horizontal_m": float(horizontal.min()),
         "closest_in_layer_m": (
             float(horizontal_in_layer.min()) if horizontal_in_layer.size else None
@@ -177,8 +175,8 @@ def _pitch_fix_error(trajectory: Trajectory, v: int) -> float | None:
 
 def _cross_track_columns(route: Route, trajectory: Trajectory, v: int) -> Record:
     """Columns of the distances of vehicle v from the legs of its route, while that lasts."""
-    on_route = trajectory.time <= route.time[-1] + 1e-9
-    offsets = cross_track(route, trajectory.time[on_route], trajectory.position[on_route, v, :2])
+    last = np.searchsorted(trajectory.time, route.time[-1] + 1e-9, side="right")
+    offsets = cross_track(route, trajectory.time[:last], trajectory.position[:last, v, :2])
     return {"cross_track_rms_m": _rms(offsets), "cross_track_max_m": float(offsets.max())}
 
 
@@ -193,28 +191,28 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
     routes = routes_of(plan)
     position = trajectory.position
     depth_errors = [
-        trajectory.depth[:, v] - route.depth.depth_at(trajectory.time)
-        for v, route in enumerate(routes)
+        -position[:, v, 2] - route.depth.depth_at(trajectory.time) for v, route in enumerate(routes)
     ]
     on_stations = any(follower.station for follower in plan.followers)
     stations = true_stations(motion, trajectory) if on_stations else None
     errors_of_tracks = track_errors(motion, trajectory, stations)
+    distances = least_distances(position)
     touching = {name for contact in contacts(trajectory) for name in contact.pair}
     of_leader = _motion_columns(motion, trajectory, 0, depth_errors[0])
     leader_columns = {f"leader_{name}": value for name, value in of_leader.items()}
     records = []
     for v, follower in enumerate(plan.followers, start=1):
         errors = errors_of_tracks[:, v - 1]
-        separation = position[:, v] - position[:, 0]
+        east, north, up = (position[:, v, axis] - position[:, 0, axis] for axis in range(3))
         row: Record = {
             "track_error_rms_m": _rms(errors),
             "track_error_max_m": float(errors.max()),
             "track_error_end_m": float(errors[-1]),
             "depth_error_max_m": float(np.abs(depth_errors[v]).max()),
-            **_distance_columns(motion, position, v),
+            **_distance_columns(motion, distances, v),
             "touched": float(trajectory.names[v] in touching),
-            "range_mean_m": float(np.hypot(*separation[:, :2].T).mean()),
-            "depth_offset_rms_m": _rms(separation[:, 2]),
+            "range_mean_m": float(np.sqrt(east**2 + north**2).mean()),
+            "depth_offset_rms_m": _rms(up),
             "pitch_fix_error_m": _pitch_fix_error(trajectory, v),
         }
         if follower.station and stations is not None:
