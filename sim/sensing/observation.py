@@ -23,7 +23,7 @@ from laisn.held import borrowed_values
 from laisn.messages import LeaderMessage, LinkMessages, Measurements, SensorHeader
 from laisn.spilled import spillable_zeros
 from laisn.swarm import MESSAGE
-from sim.attitude import body_point_in_world
+from sim.attitude import body_point_in_world, heading_angles
 from sim.scenario.links import LEADER_LINK
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
@@ -856,14 +856,13 @@ def observe(
             f"the trajectory begins at {trajectory.time[0]:g} s; what is sensed depends on all "
             "before"
         )
-    steps = np.arange(1, n + 1)
     grid = slice(stride, n * stride + 1, stride)
     true_values = np.empty((n, 3))
     link = navigated_link(sensing.links)
     motion = trajectory if link is None else link.motion_of(trajectory)
     tilts = _tilts_of(motion, sensing)
     sound = _sense(motion, sensing, follower, tilts, true_values, use_compiled, link)
-    hydrophone = trajectory.site_path(f"{name}/hydrophone", steps * stride)
+    hydrophone = trajectory.site_path(f"{name}/hydrophone")[grid]
 
     def custom() -> Iterator[tuple[SensorDriver, Floats]]:
         """Further sensors and their true readings."""
@@ -894,7 +893,7 @@ def observe(
         depth=true_values[:, 2],
         hydrophone=hydrophone[:, :2],
         leader_position=trajectory.position[grid, 0, :2],
-        leader_heading=trajectory.heading[grid, 0],
+        leader_heading=heading_angles(trajectory.quaternion[grid, 0]),
         message_step=sound.message_step,
         emission_step=sound.emission_step,
         sent=sound.content.view(MESSAGE).reshape(-1).view(np.recarray),

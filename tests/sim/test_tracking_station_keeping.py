@@ -9,6 +9,7 @@ from sim.tracking import (
     closest_approaches,
     closest_in_a_layer,
     contacts,
+    least_distances,
     pair_distances,
     station_keeping,
 )
@@ -82,6 +83,31 @@ def test_no_pair_is_ever_nearer_than_its_bound(instants: int) -> None:
                 continue
             least_distance = np.linalg.norm(positions[:, i] - positions[:, j], axis=1).min()
             assert bound[i, j] <= least_distance <= sampled_distance[i, j]
+
+
+def test_a_pair_with_a_place_that_is_not_a_number_has_no_bound() -> None:
+    """Vehicle 2 of four at rest is nowhere at one instant between two looks."""
+    positions = np.zeros((100, 4, 3))
+    positions[..., 0] = 5.0 * np.arange(4)
+    positions[40, 2] = np.nan
+    bound = pair_distances(positions).bound
+    assert np.argwhere(np.isnan(bound)).tolist() == [[2, 0], [2, 1], [3, 2]]
+    assert bound[[1, 3, 3], [0, 0, 1]] == pytest.approx([5.0, 15.0, 10.0], abs=1e-5)
+
+
+def test_least_distances_are_those_of_every_instant() -> None:
+    positions = np.random.default_rng(5).normal(0.0, 10.0, (50, 5, 3))
+    offsets = positions[:, :, None] - positions[:, None]
+    itself = np.where(np.eye(5) > 0, np.inf, 0.0)
+    actual = least_distances(positions)
+    np.testing.assert_allclose(
+        actual.in_space, np.linalg.norm(offsets, axis=-1).min(axis=0) + itself, rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        actual.horizontal,
+        np.linalg.norm(offsets[..., :2], axis=-1).min(axis=0) + itself,
+        rtol=1e-14,
+    )
 
 
 def test_of_many_vehicles_the_nearest_pair_and_all_contacts_are_those_of_every_instant() -> None:

@@ -77,6 +77,23 @@ def test_a_message_is_available_at_the_first_step_after_its_last_ping():
     assert not np.any(np.isnan(observe(trajectory, SensingSettings.of(three_slots)).slant_range))
 
 
+def test_places_and_headings_are_those_at_the_filter_steps():
+    """Every 0.5 s; the leader heads south while the follower heads east."""
+    trajectory = make_trajectory(
+        (30.0, -12.0, -11.0),
+        leader_velocity=(0.0, -1.0, 0.0),
+        follower_velocity=(0.8, 0.0, 0.0),
+        heading_pitch_roll=(np.pi, 0.1, 0.0),
+    )
+    truth = observe(trajectory, SensingSettings.of(make_scenario(filter_step=0.5)))
+    time = 0.5 * np.arange(1, 41)
+    ahead = np.column_stack([30.0 + 0.8 * time, np.full(40, -12.0)])
+    assert_allclose(truth.hydrophone, ahead, atol=1e-12)
+    assert_allclose(truth.leader_position, np.column_stack([np.zeros(40), -time]), atol=1e-12)
+    assert_allclose(truth.leader_heading, np.pi, atol=1e-12)
+    assert_allclose(truth.heading, np.pi / 2, atol=1e-12)
+
+
 def test_laisn_2_does_not_wait_for_the_third_ping():
     """After the end of its listening window it does not receive that ping either."""
     trajectory = make_trajectory((74.0, 0.0, -8.0))

@@ -152,13 +152,20 @@ def test_cross_track_is_the_distance_to_the_legs():
     time = np.array([50.0, 95.0, 105.0, 150.0])
     position = np.array([[3.0, 50.0], [4.0, 97.0], [10.0, 98.0], [50.0, 101.0]])
     # the second point is due on the first leg (4 m), but nearer to the second one (3 m)
-    assert cross_track(route, time, position) == pytest.approx([3.0, 3.0, 2.0, 1.0])
+    expected = [3.0, 3.0, 2.0, 1.0]
+    assert cross_track(route, time, position) == pytest.approx(expected)
+    # in whatever order the times are
+    assert cross_track(route, time[::-1], position[::-1]) == pytest.approx(expected[::-1])
 
 
 def test_track_error_includes_lateral_offset_and_delay():
     route = Route.timed("straight", [[0, 0, 0], [100, 0, 100]], 5.0)
     time = np.array([30.0, 50.0, 70.0])
     position = np.array([[3.0, 30.0], [0.0, 46.0], [-3.0, 74.0]])
+    assert track_error(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
+    # and at other times along the same route
+    position += [0.0, 10.0]
+    time += 10.0
     assert track_error(route, time, position) == pytest.approx([3.0, 4.0, 5.0], abs=0.01)
 
 
