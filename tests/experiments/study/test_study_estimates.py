@@ -288,7 +288,7 @@ def test_a_thruster_works_against_the_water_that_it_meets_along_the_hull():
 def test_powers_of_thrusters_add_up_and_one_across_the_hull_has_no_inflow():
     flown = straight.make_trajectory((0.0, 40.0, -10.0), leader_velocity=(1.2, 0.0, 0.0))
     thrust = np.zeros((flown.time.size, 2, 2))
-    thrust[:, 0] = [8.0, -5.0]
+    thrust[:, 0] = [8.0, 5.0]
     flown = replace(flown, effector_states=thrust, effector_force=ALONG_AND_ACROSS)
     power = float(disc_power(8.0, 1.2, 1026.0) + disc_power(5.0, 0.0, 1026.0))
     assert thruster_power(flown, 0, 1026.0) == pytest.approx(np.full(201, power))

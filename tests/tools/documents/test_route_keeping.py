@@ -152,10 +152,18 @@ def test_cross_track_is_the_distance_to_the_legs():
     time = np.array([50.0, 95.0, 105.0, 150.0])
     position = np.array([[3.0, 50.0], [4.0, 97.0], [10.0, 98.0], [50.0, 101.0]])
     # the second point is due on the first leg (4 m), but nearer to the second one (3 m)
-    expected = [3.0, 3.0, 2.0, 1.0]
+    assert cross_track(route, time, position) == pytest.approx([3.0, 3.0, 2.0, 1.0])
+
+
+def test_cross_track_counts_legs_that_are_due_soon_or_were_just_now_in_any_order_of_times():
+    points = [[0, 0, 0], [100, 0, 100], [200, 100, 100], [300, 100, 40], [400, 30, 40]]
+    route = Route.timed("hook", points, 5.0)
+    time = np.array([50.0, 350.0, 205.0])
+    # the last leg is 10 m from the first place, and the first leg leads through the second one; the
+    # third place is still nearest to the second leg
+    position = np.array([[30.0, 50.0], [0.0, 50.0], [95.0, 103.0]])
+    expected = [30.0, np.hypot(30.0, 10.0), 3.0]
     assert cross_track(route, time, position) == pytest.approx(expected)
-    # in whatever order the times are
-    assert cross_track(route, time[::-1], position[::-1]) == pytest.approx(expected[::-1])
 
 
 def test_track_error_includes_lateral_offset_and_delay():
