@@ -186,13 +186,13 @@ def half_turn_angle(cross: float, dot: float) -> float:
     q = t * t
     p = fma(fma(fma(fma(fma(fma(_A10, q, _A9), q, _A8), q, _A7), q, _A6), q, _A5), q, _A4)
     angle = fma(fma(fma(fma(fma(p, q, _A3), q, _A2), q, _A1), q, _A0), t, start)
-    return select(dot < 0.0, math.pi - angle, angle)
+    return float(select(dot < 0.0, math.pi - angle, angle))
 
 
 @inlined
 def arctan2(y: float, x: float) -> float:
     """Angle of the vector (x, y) from the first axis, in [−π, π]; a zero for two zeros."""
-    return np.copysign(half_turn_angle(y, x), y)
+    return float(np.copysign(half_turn_angle(y, x), y))
 
 
 @inlined
