@@ -33,7 +33,7 @@ from sim.control.autopilot import (
 from sim.control.guidance import (
     GUIDANCE_MEMORY,
     limit_command,
-    reference,
+    mission_reference,
     start_guidance,
     steer,
     track_current,
@@ -105,7 +105,8 @@ class RouteControl(NamedTuple):
     """Controller of v vehicles along their routes, by the truth."""
 
     kinds: Kinds  # of the effectors that autopilots allocate forces to
-    reference: Records  # of `sim.control.guidance.REFERENCE` at all instants, shape (n, v)
+    # of `sim.control.guidance.REFERENCE` at all instants, read-only, shape (n, v)
+    reference: Records
     autopilot_designs: Records  # of `sim.control.autopilot.AUTOPILOT`, shape (v,)
     guidance: Records  # of GUIDANCE_MEMORY, shape (v,)
     autopilot_memories: Records  # of AUTOPILOT_MEMORY, shape (v,)
@@ -324,12 +325,11 @@ class Mission:
         v = len(plant.names)
         autopilot_designs = design(plant, tuple(depth_control or ["pitch"] * v))
         # how early accelerations are given, for the lag of the autopilot [s]
-        lead = [float(lag) for lag in 0.25 / autopilot_designs["omega"]]
-        least_radii = [least_radius(plant, i, d) for i, d in enumerate(autopilot_designs)]
-        time = np.arange(ticks + 1, dtype=np.float64) * TICK
+        lead = tuple((0.25 / autopilot_designs["omega"]).tolist())
+        least_radii = tuple(least_radius(plant, i, d) for i, d in enumerate(autopilot_designs))
         self.routes = RouteControl(
             kinds=kinds_of(autopilot_designs["effectors"]),
-            reference=reference(routes, time, lead, least_radii),
+            reference=mission_reference(tuple(routes), ticks, lead, least_radii),
             autopilot_designs=autopilot_designs,
             guidance=records(GUIDANCE_MEMORY, v),
             autopilot_memories=records(AUTOPILOT_MEMORY, v),

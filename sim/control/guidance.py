@@ -34,6 +34,7 @@ from laisn.vector_math import arctan, arctan2, sin_cos
 from sim.control.allocation import clip
 from sim.scenario.point_motion import ACCELERATION, TURN_RATE, Plan, plan
 from sim.scenario.routes import Route
+from sim.scenario.section import CONTROL_STEP_S
 
 
 class Reference(RecordFields):
@@ -166,8 +167,39 @@ def reference(
     return table
 
 
-# references of up to so many instants are kept for other missions with the same routes: 6 MB each
+# references of so many vehicles times instants are kept for other missions with the same routes:
+# 6 MB each
 _MAX_SHARED_INSTANTS = 100_000
+
+
+def mission_reference(
+    routes: tuple[Route, ...],
+    ticks: int,
+    lead: tuple[float, ...],
+    least_radii: tuple[float, ...],
+) -> Records:
+    """`reference` at the instants 0 to `ticks` of a mission, one every CONTROL_STEP_S; read-only,
+    for missions along the same routes share it.
+    """
+    is_shared = len(routes) * (ticks + 1) <= _MAX_SHARED_INSTANTS
+    make = _shared_mission_reference if is_shared else _mission_reference
+    return make(routes, ticks, lead, least_radii)
+
+
+def _mission_reference(
+    routes: tuple[Route, ...],
+    ticks: int,
+    lead: tuple[float, ...],
+    least_radii: tuple[float, ...],
+) -> Records:
+    time = np.arange(ticks + 1, dtype=np.float64) * CONTROL_STEP_S
+    table = reference(routes, time, lead, least_radii)
+    table.flags.writeable = False
+    return table
+
+
+# routes cannot be written and equal themselves alone, so that they can be keys
+_shared_mission_reference = lru_cache(maxsize=4)(_mission_reference)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,6 +81,37 @@ def test_routes_that_are_alike_share_a_reference_that_nobody_can_change():
     assert np.any(depths[0] != depths[1])
 
 
+def test_missions_share_a_reference_only_if_all_that_it_follows_from_is_alike():
+    """The answer is that of `reference` for the same arguments, whatever was asked before."""
+    arguments = {
+        "routes": (NORTHBOUND, CORNER),
+        "ticks": 3000,
+        "lead": (0.3, 0.3),
+        "least_radii": (0.0, 0.0),
+    }
+    changes = [
+        {},
+        {"routes": (CORNER, NORTHBOUND)},
+        {"routes": (NORTHBOUND, replace(CORNER, start_speed=0.5))},
+        {"ticks": 3001},
+        {"lead": (0.3, 0.5)},
+        {"least_radii": (0.0, 9.0)},
+    ]
+    tables = []
+    for change in [*changes, *changes]:
+        changed = arguments | change
+        time = DT * np.arange(changed["ticks"] + 1)
+        table = guidance.mission_reference(**changed)
+        expected = guidance.reference(
+            changed["routes"], time, changed["lead"], changed["least_radii"]
+        )
+        np.testing.assert_array_equal(table, expected)
+        assert not table.flags.writeable
+        tables.append(table.tobytes())
+    assert len(set(tables)) == len(changes)
+    assert guidance.mission_reference(**arguments) is guidance.mission_reference(**arguments)
+
+
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
     memory = record(guidance.GUIDANCE_MEMORY, table[0].course, table[0].speed, (0.0, 0.0))
