@@ -272,8 +272,8 @@ def _trajectory(plant: Plant, truth: StateHistory, first: int = 0) -> Trajectory
         time=np.arange(first, first + len(truth.pose), dtype=np.float64) * TICK,
         **dict(zip(OF_VEHICLES, truth, strict=True)),
         site_names=plant.site_names,
-        site_vehicle=plant.site_vehicle.copy(),
-        site_offset=plant.site_offset.copy(),
+        site_vehicle=plant.site_vehicle,
+        site_offset=plant.site_offset,
         effector_names=plant.effector_names,
         effector_force=plant.effectors["force"] * states_are_thrust(plant.effectors)[..., None],
     )

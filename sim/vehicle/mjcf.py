@@ -367,6 +367,12 @@ def _take_roots(records: npt.NDArray[np.void]) -> None:
         root[:] = [float(value) ** (1 / 3) for value in drag]
 
 
+def _scale(values: Floats, scales: Sequence[float]) -> None:
+    """Multiply values of v vehicles, shape (v, …), by a number of each, in place."""
+    vehicles_last = values.T
+    vehicles_last *= scales
+
+
 def scaled_coefficients(
     records: npt.NDArray[np.void], setups: Sequence[VehicleSetup]
 ) -> npt.NDArray[np.void]:
@@ -374,11 +380,12 @@ def scaled_coefficients(
     setups' scales applied.
     """
     true = records.copy()
-    for i, settings in enumerate(setup.settings for setup in setups):
-        for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):
-            true[name][i] *= settings.drag_scale
-        true["hull_lift"][i] *= (1.0, settings.drag_scale, settings.lift_scale)
-        true["added_mass"][i] *= settings.added_mass_scale
+    settings = [setup.settings for setup in setups]
+    drag_scales = [each.drag_scale for each in settings]
+    for name in (*MATRICES, *MATRICES.values(), "cross_flow_drag"):
+        _scale(true[name], drag_scales)
+    true["hull_lift"] *= [(1.0, each.drag_scale, each.lift_scale) for each in settings]
+    _scale(true["added_mass"], [each.added_mass_scale for each in settings])
     _take_roots(true)
     true.flags.writeable = False
     return true

@@ -74,6 +74,14 @@ class _Hull:
         return cls(values=values, setup=at_origin)
 
 
+class _Sites(NamedTuple):
+    """All sites of a model, as of `Plant`; arrays are read-only."""
+
+    names: tuple[str, ...]
+    vehicle: Ints
+    offset: Floats
+
+
 class _Fleet(NamedTuple):
     """Vehicles as MuJoCo has compiled them, all at the origin, and what is read of them."""
 
@@ -81,11 +89,15 @@ class _Fleet(NamedTuple):
     vehicles: list[VehicleIds]
     effectors: npt.NDArray[np.void]  # read-only, as of `Plant`
     fixed_fins: npt.NDArray[np.void]
+    sites: _Sites
     coefficients: dict[tuple[float, ...], npt.NDArray[np.void]]
     """Those of the MJCF by the densities in which buoyancies hold [kg/m³], as far as they were
     read.
     """
     designs: dict[Any, npt.NDArray[np.void]]  # as of `Plant.kept_design`
+    true_effectors: dict[tuple[tuple[float, float], ...], npt.NDArray[np.void]]
+    """As of `Plant`, by the scales of thrust and lift of each vehicle."""
+    bodies: dict[bytes, npt.NDArray[np.void]]  # as of `Plant`, by the vehicles' added masses
     placed: dict[Any, mujoco.MjModel]
     """Models with the vehicles at their starts, for plants that are not settled; these only read
     them.
@@ -101,13 +113,31 @@ class _Fleet(NamedTuple):
             lambda: mjcf.read_coefficients(self.model, names, densities),
         )
 
+    def true_effectors_of(self, setups: Sequence[VehicleSetup]) -> npt.NDArray[np.void]:
+        """Effectors and fixed fins with the setups' scales of thrust and lift, as of `Plant`."""
+        settings = [setup.settings for setup in setups]
+        scales = tuple((each.thrust_scale, each.lift_scale) for each in settings)
+        nominal = np.concatenate([self.effectors, self.fixed_fins], axis=1)
+        return _kept(
+            self.true_effectors, scales, lambda: effectors.scaled_records(nominal, setups)
+        )
+
+    def bodies_with(
+        self, names: Sequence[str], true_coefficients: npt.NDArray[np.void]
+    ) -> npt.NDArray[np.void]:
+        """Inertia of the vehicles, as of `Plant.bodies`."""
+        added_mass = true_coefficients["added_mass"].tobytes()
+        return _kept(
+            self.bodies, added_mass, lambda: bodies_of(self.model, names, true_coefficients)
+        )
+
     def placed_at(self, setups: Sequence[VehicleSetup]) -> mujoco.MjModel:
         """The model of `_at_start` that plants which are not settled share."""
         starts = tuple((setup.position_m, setup.heading_rad) for setup in setups)
         return _kept(self.placed, starts, lambda: _at_start(self.model, setups), _MOST_MODELS)
 
 
-_MOST_KEPT = 64  # largest number of entries that `coefficients` or `designs` of a fleet have
+_MOST_KEPT = 64  # largest number of entries that each of the dictionaries of a fleet has
 _MOST_MODELS = 8  # the same of `placed`
 
 
@@ -139,7 +169,26 @@ def _compiled_fleet(
     actuated = effectors.read(model, vehicles)
     fixed_fins = effectors.read_fixed(model, vehicles)
     actuated.flags.writeable = fixed_fins.flags.writeable = False
-    return _Fleet(model, vehicles, actuated, fixed_fins, {}, {}, {})
+    return _Fleet(
+        model=model,
+        vehicles=vehicles,
+        effectors=actuated,
+        fixed_fins=fixed_fins,
+        sites=_sites_of(model, vehicles),
+        coefficients={},
+        designs={},
+        true_effectors={},
+        bodies={},
+        placed={},
+    )
+
+
+def _sites_of(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> _Sites:
+    bodies = [vehicle.body for vehicle in vehicles]
+    carriers = np.array([bodies.index(body) for body in model.site_bodyid], dtype=np.int64)
+    offsets = model.site_pos.copy()
+    carriers.flags.writeable = offsets.flags.writeable = False
+    return _Sites(tuple(model.site(i).name for i in range(model.nsite)), carriers, offsets)
 
 
 def _fleet_of(setups: Sequence[VehicleSetup], floor_depth_m: float | None, dt: float) -> _Fleet:
@@ -200,7 +249,7 @@ class Plant:
             `true_coefficients` are these with the setups' scales.
         effector_names: names of each vehicle's own.
         site_names, site_vehicle, site_offset: "vehicle/site" of all sites, shape (s,), index of the
-            vehicle that carries it, and place in its body frame, shape (s, 3), [m].
+            vehicle that carries it, and place in its body frame, shape (s, 3), [m]; read-only.
         response: share of the effectors' lags that passes in a step, shape (v, m).
         model, data: MuJoCo's own, without geoms of the vehicles; `data` of a plant that is not
             settled is its state alone.
@@ -246,24 +295,19 @@ class Plant:
         self._densities = tuple(ocean.trim_density(-setup.position_m[2]) for setup in setups)
         self.coefficients = fleet.coefficients_in(self.names, self._densities)
         self.true_coefficients = mjcf.scaled_coefficients(self.coefficients, setups)
-        all_effectors = np.concatenate([self.effectors, self.fixed_fins], axis=1)
-        self.true_effectors = effectors.scaled_records(all_effectors, setups)
-        self.kinds = effectors.kinds_of(all_effectors)
+        self.true_effectors = fleet.true_effectors_of(setups)
+        self.kinds = effectors.kinds_of(self.true_effectors)
         # records that pad a vehicle have no lag
         response = -np.expm1(-dt / np.maximum(self.effectors["lag"], 1e-9))
         self.response: Floats = response
         self._clock = np.array([0.0, dt])
 
-        self.site_names = tuple(model.site(i).name for i in range(model.nsite))
-        bodies = [v.body for v in vehicles]
-        self.site_vehicle: Ints = np.array(
-            [bodies.index(b) for b in model.site_bodyid], dtype=np.int64
-        )
-        self.site_offset: Floats = model.site_pos.copy()
+        self.site_names = fleet.sites.names
+        self.site_vehicle = fleet.sites.vehicle
+        self.site_offset = fleet.sites.offset
 
-        for i, setup in enumerate(setups):
-            forward = attitude.rotate(self.pose[i, 3:], np.array([1.0, 0.0, 0.0]))
-            self.twist[i, :3] = setup.speed_m_s * forward
+        forward = attitude.rotate(self.pose[:, 3:], np.array([1.0, 0.0, 0.0]))
+        self.twist[:, :3] = np.array([[setup.speed_m_s] for setup in setups]) * forward
         self._solver = self._solver_of(engine) if settled or engine == "direct" else None
         if not settled:
             self._handles: StepHandles | FleetHandles = self.handles_alone
@@ -302,7 +346,7 @@ class Plant:
         """Inertia of the vehicles as the solver "direct" takes it, records of
         `sim.vehicle.solvers.BODY`, shape (v,).
         """
-        return bodies_of(self.model, self.names, self.true_coefficients)
+        return self._fleet.bodies_with(self.names, self.true_coefficients)
 
     def kept_design(
         self, settings: tuple[object, ...], make: Callable[[], npt.NDArray[np.void]]

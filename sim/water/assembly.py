@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -233,6 +234,9 @@ def ocean_of(sea: SeaSettings) -> Ocean:
     """The sea without its sound; its waves depend on the seed and not on the run. LaisnError if
     they would break, or if a current cannot be had.
     """
+    water = sea.ocean
+    if water.current is None and water.floor is None and water.density is None:
+        return _sea_of_keys_alone(water, _seed_of_waves(water, sea.seed))
     field = current_field(sea)
     density = density_of(sea.ocean)
     table = sea.ocean.density
@@ -246,10 +250,30 @@ def ocean_of(sea: SeaSettings) -> Ocean:
     )
 
 
+def _seed_of_waves(water: OceanTable, seed: int) -> int:
+    """The seed as far as waves depend on it; 0: they do not."""
+    return seed if water.waves.kind == "jonswap" else 0
+
+
+# missions of a study differ more often in their vehicles than in their sea
+_MOST_SEAS = 8
+
+
+@lru_cache(maxsize=_MOST_SEAS)
+def _sea_of_keys_alone(water: OceanTable, seed: int) -> Ocean:
+    """The sea of a table that names no file and no class of the user's own."""
+    return replace(sea_of_keys(water, seed), floor=LevelFloor(float(water.floor_depth_m)))
+
+
 def sea_of_keys(water: OceanTable, seed: int) -> Ocean:
     """The sea without what is read from files, or is of the user's own. LaisnError if its waves
     would break.
     """
+    return _sea_of_keys(water, _seed_of_waves(water, seed))
+
+
+@lru_cache(maxsize=_MOST_SEAS)
+def _sea_of_keys(water: OceanTable, seed: int) -> Ocean:
     waves = water.waves
     direction_and_floor = {
         "direction_rad": float(np.deg2rad(waves.direction_deg)),
