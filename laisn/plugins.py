@@ -20,12 +20,16 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache, wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, TypeGuard
+from typing import Any, NamedTuple, TypeGuard, TypeVar, TypeVarTuple
 
 from laisn.custom_sources import Sources, is_custom, remove_bytecode
 from laisn.errors import LaisnError
+
+Arguments = TypeVarTuple("Arguments")
+Result = TypeVar("Result")
 
 PLUGINS_VARIABLE = "LAISN_PLUGINS"
 """Environment variable with the files of plugins."""
@@ -184,6 +188,27 @@ def plugins_version(*, refresh: bool) -> str:
             loaded = _load(file)
         digest.update(f"{name} {loaded.sources.digest} ".encode())
     return digest.hexdigest()[:24]
+
+
+def kept_with_plugins(
+    most: int,
+) -> Callable[[Callable[[*Arguments], Result]], Callable[[*Arguments], Result]]:
+    """`functools.lru_cache` of a size, for functions that may use classes of plugins: what was made
+    with other sources of plugins does not count.
+    """
+
+    def decorate(function: Callable[[*Arguments], Result]) -> Callable[[*Arguments], Result]:
+        @lru_cache(maxsize=most)
+        def kept(_plugins: str, *args: *Arguments) -> Result:
+            return function(*args)
+
+        @wraps(function)
+        def called(*args: *Arguments) -> Result:
+            return kept(plugins_version(refresh=False), *args)
+
+        return called
+
+    return decorate
 
 
 def registered_tokens(text: str) -> list[str]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
-from laisn.plugins import find_controller, is_plugin_name
+from laisn.plugins import find_controller, is_plugin_name, kept_with_plugins
 from sim.assembly import are_at_baseline_and_offset, routes_of, setups_of
 from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
@@ -22,7 +22,6 @@ from sim.control.autopilot import (
     SPEED_PITCH,
     Autopilot,
     greatest_forces,
-    top_speed,
 )
 from sim.control.stability import require_stable
 from sim.hull import (
@@ -32,6 +31,7 @@ from sim.hull import (
     calm_plant,
     hull_of,
     needs_way,
+    top_speed_of,
 )
 from sim.log.schema import Clock
 from sim.scenario.formation import MIN_LAYER_SPACING_M, MIN_SEPARATION_M, Formation
@@ -51,6 +51,7 @@ from sim.scenario.settings import (
     Follower,
     Leader,
     Navigation,
+    OceanTable,
     Scenario,
     Vehicle,
     Video,
@@ -66,7 +67,13 @@ from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
 from sim.vehicle.own_hull import hull_errors
 from sim.vehicle.plant import Plant
 from sim.vehicle.solvers import direct_solver_error
-from sim.water.assembly import current_at, density_of, sea_of_keys, trim_density
+from sim.water.assembly import (
+    current_at,
+    current_of_keys,
+    density_of,
+    sea_of_keys,
+    trim_density,
+)
 
 # instants times vehicles: two vehicles for a day, 201 for 1000 s; a million takes 1.1 GB of memory
 MAX_INSTANTS = 2_100_000
@@ -150,16 +157,39 @@ _SEGMENT_POINTS = 9  # instants at which speeds are looked at, in each segment o
 
 def _planned_speeds(sea: SeaSettings, route: Route, depths: Sequence[float]) -> SpeedRange:
     """Speeds through the water along the plan of a route, at depths [m]."""
+    duration_s = sea.plan.duration_s
+    if sea.ocean.current is None:
+        return _speeds_by_keys(sea.ocean, duration_s, route, tuple(depths))
+    return _speeds_in(partial(current_at, sea), sea.ocean, duration_s, route, depths)
+
+
+@lru_cache(maxsize=256)
+def _speeds_by_keys(
+    ocean: OceanTable, duration_s: float, route: Route, depths: tuple[float, ...]
+) -> SpeedRange:
+    """`_planned_speeds` in a current of the sea's keys, which follow from no file."""
+    return _speeds_in(partial(current_of_keys, ocean), ocean, duration_s, route, depths)
+
+
+def _speeds_in(
+    current_in: Callable[[Floats, Floats, float, Floats], Floats],
+    ocean: OceanTable,
+    end: float,
+    route: Route,
+    depths: Sequence[float],
+) -> SpeedRange:
+    """`_planned_speeds` until an end [s], in the current of a sea at places and times as of
+    `current_at`.
+    """
     point_motion = planned_motion(route)
-    end = sea.plan.duration_s
     starts = point_motion.start[point_motion.start < end]
-    changes = [time for time, *_ in sea.ocean.current_profile if time < end]
+    changes = [time for time, *_ in ocean.current_profile if time < end]
     bounds = np.unique([*starts, *changes, end])
     shares = np.linspace(0.0, 1.0, _SEGMENT_POINTS)
     times = (bounds[:-1, None] + np.diff(bounds)[:, None] * shares).ravel()
     motion = point_motion.at(times)
     over_ground = motion.speed * np.array([np.sin(motion.course), np.cos(motion.course)])
-    currents = [current_at(sea, motion.east, motion.north, depth, times).T for depth in depths]
+    currents = [current_in(motion.east, motion.north, depth, times).T for depth in depths]
     speeds = np.array([np.hypot(*(over_ground - current)) for current in currents])
     mean = np.trapezoid(speeds.mean(axis=0), times) / end
     return SpeedRange(float(speeds.min()), float(speeds.max()), float(mean))
@@ -185,10 +215,10 @@ def _speeds(sea: SeaSettings, vehicle: Vehicle) -> SpeedRange:
 _USUAL_STEP_S = 0.02
 
 
-def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> list[str]:
+def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, hull: Hull) -> list[str]:
     """Speeds that a hull cannot have: more than its thrust, or less than its fins need."""
     lines = []
-    greatest_speed = top_speed(design)
+    greatest_speed = top_speed_of(hull)
     on_station = isinstance(vehicle, Follower) and vehicle.station is not None
     subject = "its station" if on_station else "its route"
     advice = "the leader's legs" if on_station else "legs"
@@ -197,7 +227,7 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> li
             f"its effectors drive it at {greatest_speed:.2g} m/s at most, {subject} needs up to "
             f"{speeds.fastest:.3g} through the water; give {advice} more time or less current"
         )
-    if needs_way(design) and speeds.slowest < MIN_STEERAGE_SPEED:
+    if needs_way(_design_of(hull)) and speeds.slowest < MIN_STEERAGE_SPEED:
         lines.append(
             "it has no vertical thrusters and cannot hover: its fins need "
             f"{MIN_STEERAGE_SPEED:g} m/s, {subject} has down to {speeds.slowest:.3g} m/s through "
@@ -206,15 +236,29 @@ def _speed_errors(vehicle: Vehicle, speeds: SpeedRange, design: Autopilot) -> li
     return lines
 
 
-@lru_cache(maxsize=1024)
-def _stability_errors(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> list[str]:
-    """What `require_stable` reports, in waves whose water moves at up to `orbital_speed` [m/s].
+def _design_of(hull: Hull) -> Autopilot:
+    """The autopilot of a hull."""
+    _, designs = calm_plant(hull)
+    design: Autopilot = designs[0]
+    return design
 
-    A study has many scenarios with the same hulls and speeds.
-    """
+
+# a study has many scenarios with the same hulls and speeds
+_MOST_HULLS_AND_SPEEDS = 1024
+
+
+@kept_with_plugins(_MOST_HULLS_AND_SPEEDS)
+def _stability_errors(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> list[str]:
+    """What `require_stable` reports, in waves whose water moves at up to `orbital_speed` [m/s]."""
     plant, designs = calm_plant(hull)
     build = partial(
-        require_stable, plant, designs, speeds.fastest, orbital_speed, min_speed=speeds.slowest
+        require_stable,
+        plant,
+        designs,
+        speeds.fastest,
+        orbital_speed,
+        min_speed=speeds.slowest,
+        top_speeds=[top_speed_of(hull)],
     )
     return _errors_of(build, "hull")
 
@@ -317,11 +361,12 @@ def _weight_errors(hull: Hull, speeds: SpeedRange, densities: DensityRange) -> l
     return []
 
 
+@kept_with_plugins(_MOST_HULLS_AND_SPEEDS)
 def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]:
     """The same in water of a density, as a share of that in which its buoyancy holds."""
     plant, designs = calm_plant(hull)
     body = plant.model.body("hull/hull")
-    coefficients = plant.true_coefficients[0]
+    coefficients = plant.coefficients[0]
     excess_buoyancy = float(
         share * coefficients["buoyancy"] - body.mass[0] * coefficients["gravity"]
     )
@@ -335,7 +380,7 @@ def _weight_errors_in(hull: Hull, speeds: SpeedRange, share: float) -> list[str]
     advice = f"trim it with excess_buoyancy_n = {trim:.3g}"
     if hull.settings.trim == "file" and hull.settings.excess_buoyancy_n == 0.0:
         advice += ' or trim = "neutral"'
-    for speed in np.arange(speeds.mean, top_speed(designs[0]), 0.05):
+    for speed in np.arange(speeds.mean, top_speed_of(hull), 0.05):
         faster = _vertical_forces(plant, designs[0], float(speed))
         reserve = (1.0 - _LIFT_RESERVE) * (faster.up if excess_buoyancy < 0.0 else faster.down)
         if abs(excess_buoyancy) <= reserve:
@@ -368,27 +413,27 @@ def _control_errors(motion: MotionSettings, key: str, vehicle: Vehicle) -> list[
         return []
     waves = motion.sea.ocean.waves
     hull = hull_of(motion, vehicle)
-    lines = _errors_of(partial(calm_plant, hull), "hull")
+    designed = hull.as_designed
+    lines = _errors_of(partial(calm_plant, designed), "hull")
     if not lines:
         speeds = _speeds(motion.sea, vehicle)
-        design = calm_plant(hull)[1][0]
         if custom:
-            lines = _speed_errors(vehicle, speeds, design)
+            lines = _speed_errors(vehicle, speeds, designed)
         if isinstance(vehicle, Follower) and vehicle.station:
-            speeds = _station_speeds(motion.formation, speeds, design)
+            speeds = _station_speeds(motion.formation, speeds, designed)
         if not lines:
-            lines = _weight_errors(hull, speeds, _densities(motion.sea, vehicle))
+            lines = _weight_errors(designed, speeds, _densities(motion.sea, vehicle))
     if not lines:
         orbital_speed = 0.0 if waves.kind == "none" else np.pi * waves.height_m / waves.period_s
         lines = _stability_errors(hull, speeds, float(orbital_speed))
     return [f"{key}{'.model' if custom else ''}: {line.removeprefix('hull: ')}" for line in lines]
 
 
-def _station_speeds(formation: Formation, leader: SpeedRange, design: Autopilot) -> SpeedRange:
+def _station_speeds(formation: Formation, leader: SpeedRange, hull: Hull) -> SpeedRange:
     """Speeds through the water that a follower on a station may be asked for."""
     slowest = formation.min_along_track_speed_m_s
-    fastest = min(formation.max_speed_m_s, top_speed(design))
-    if needs_way(design):
+    fastest = min(formation.max_speed_m_s, top_speed_of(hull))
+    if needs_way(_design_of(hull)):
         slowest = max(slowest, MIN_STATION_SPEED)
     return SpeedRange(min(slowest, leader.fastest), max(fastest, leader.slowest), leader.mean)
 

@@ -5,6 +5,7 @@ flight.
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from laisn.plugins import kept_with_plugins
 from sim.control.autopilot import Autopilot, design, top_speed
 from sim.control.stability import least_radius
 from sim.scenario.parts import MotionSettings
@@ -26,6 +27,10 @@ HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depend
     "trim",
     "excess_buoyancy_n",
 )
+# keys of HULL_KEYS that autopilots do not know: hulls with other values of them are designed alike
+SCALE_KEYS = ("drag_scale", "added_mass_scale", "lift_scale", "thrust_scale")
+_UNCHANGED = Vehicle.model_construct()  # a vehicle whose keys have their defaults
+_NOMINAL_SCALES = {key: getattr(_UNCHANGED, key) for key in SCALE_KEYS}
 # least speed through the water of followers on stations that `needs_way` [m/s]
 MIN_STATION_SPEED = 1.2 * MIN_STEERAGE_SPEED
 
@@ -36,6 +41,13 @@ class Hull(NamedTuple):
     settings: Vehicle  # its model, and what is changed of that
     physics_step_s: float
     density_kg_m3: float  # in which its buoyancy holds
+
+    @property
+    def as_designed(self) -> "Hull":
+        """The hull for which its autopilot is designed, without scales: all that follows from the
+        design alone is the same for it.
+        """
+        return self._replace(settings=self.settings.model_copy(update=_NOMINAL_SCALES))
 
 
 class HullLimits(NamedTuple):
@@ -49,14 +61,18 @@ class HullLimits(NamedTuple):
 def hull_of(motion: MotionSettings, vehicle: Vehicle) -> Hull:
     """The hull of a vehicle of a mission."""
     model = vehicle.model or ("follower" if isinstance(vehicle, Follower) else "leader")
-    settings = Vehicle.model_construct(
-        model=model, **{key: getattr(vehicle, key) for key in HULL_KEYS}
-    )
+    values = {key: getattr(vehicle, key) for key in HULL_KEYS}
+    settings = _UNCHANGED.model_copy(update={"model": model, **values})
     density = trim_density(motion.sea.ocean, vehicle)
     return Hull(settings, motion.physics_step_s, density)
 
 
 @lru_cache(maxsize=8)
+def _calm_sea(density_kg_m3: float) -> Ocean:
+    return Ocean(density_kg_m3=density_kg_m3)
+
+
+@kept_with_plugins(32)
 def calm_plant(hull: Hull) -> tuple[Plant, Any]:
     """A vehicle alone in calm water, as a plant with the vehicle "hull" that cannot be
     stepped (`settled` of `Plant`), and the design of its autopilot, records of shape (1,).
@@ -65,8 +81,7 @@ def calm_plant(hull: Hull) -> tuple[Plant, Any]:
     setup = VehicleSetup(
         name="hull", model=str(settings.model), position_m=(0.0, 0.0, -10.0), settings=settings
     )
-    ocean = Ocean(density_kg_m3=hull.density_kg_m3)
-    plant = Plant([setup], ocean, hull.physics_step_s, settled=False)
+    plant = Plant([setup], _calm_sea(hull.density_kg_m3), hull.physics_step_s, settled=False)
     return plant, design(plant, (settings.depth_control,))
 
 
@@ -77,13 +92,28 @@ def needs_way(autopilot: Autopilot) -> bool:
     return bool(not autopilot["has_heave"] and autopilot["effectors"]["lift_area"].any())
 
 
-@lru_cache(maxsize=64)
+def top_speed_of(hull: Hull) -> float:
+    """Greatest speed of a hull as it is designed [m/s]; errors as of `limits_of`."""
+    return _designed_top_speed(hull.as_designed)
+
+
+@kept_with_plugins(64)
+def _designed_top_speed(hull: Hull) -> float:
+    _, autopilots = calm_plant(hull)
+    return top_speed(autopilots[0])
+
+
 def limits_of(hull: Hull) -> HullLimits:
-    """What a hull can do; errors are those of `sim.control.autopilot.design`."""
+    """What a hull can do as it is designed; errors are those of `sim.control.autopilot.design`."""
+    return _designed_limits(hull.as_designed)
+
+
+@kept_with_plugins(64)
+def _designed_limits(hull: Hull) -> HullLimits:
     plant, autopilots = calm_plant(hull)
     autopilot = autopilots[0]
     return HullLimits(
         least_radius(plant, 0, autopilot),
-        top_speed(autopilot),
+        _designed_top_speed(hull),
         MIN_STATION_SPEED if needs_way(autopilot) else 0.0,
     )

@@ -7,7 +7,7 @@ linear law of the autopilot, designed for the MJCF's coefficients, with their la
 effectors and the slow loops (integrals, depth through pitch) are left out.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from sim.attitude import Vector, cross, matvec, minus, plus, transposed
-from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, clip, pseudo_inverse_at
+from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, pseudo_inverse_at
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, PLANNED_TURN_SHARE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
@@ -103,27 +103,28 @@ def _forces(
     return out
 
 
-def _feedback(d: Autopilot, climb: Floats, speed: float) -> Floats:
-    """Linear law of the autopilot: the wrench that it commands per velocities (6), angles (3) and
-    height, shape (6, 10). `climb` is the rate of climb per each of the same, shape (10,).
+def _feedback(d: Autopilot, climb: Floats, speed: Floats) -> Floats:
+    """Linear law of the autopilot at speeds of shape (n,): the wrench that it commands per
+    velocities (6), angles (3) and height, shape (n, 6, 10). `climb` is the rate of climb per each
+    of the same, shape (n, 10).
     """
-    feedback = np.zeros((6, 10))
+    feedback = np.zeros((speed.size, 6, 10))
     omega = d["omega"]
-    thruster_share = 1.0 - d["by_pitch"] * clip(
+    thruster_share = 1.0 - d["by_pitch"] * np.clip(
         (speed - SPEED_HEAVE) / (SPEED_PITCH - SPEED_HEAVE), 0.0, 1.0
     )
     thruster_share *= d["has_heave"]
-    feedback[SURGE, SURGE] = -0.5 * omega * d["surge_mass"]
-    feedback[SWAY, SWAY] = -0.5 * omega * d["sway_mass"]
+    feedback[:, SURGE, SURGE] = -0.5 * omega * d["surge_mass"]
+    feedback[:, SWAY, SWAY] = -0.5 * omega * d["sway_mass"]
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
-        feedback[axis, axis] = -2.0 * omega * inertia
-        feedback[axis, axis + 3] = -omega * omega * inertia
+        feedback[:, axis, axis] = -2.0 * omega * inertia
+        feedback[:, axis, axis + 3] = -omega * omega * inertia
     slip_stiffness = d["yaw_munk"] * speed**2
-    feedback[YAW, YAW] -= np.sqrt(slip_stiffness * d["yaw_inertia"])
-    feedback[YAW, YAW + 3] -= slip_stiffness
-    feedback[PITCH, HEAVE] = -d["pitch_munk"] * speed
-    feedback[HEAVE] = -omega * thruster_share * d["heave_mass"] * climb
-    feedback[HEAVE, HEIGHT] = -0.25 * omega * omega * thruster_share * d["heave_mass"]
+    feedback[:, YAW, YAW] -= np.sqrt(slip_stiffness * d["yaw_inertia"])
+    feedback[:, YAW, YAW + 3] -= slip_stiffness
+    feedback[:, PITCH, HEAVE] = -d["pitch_munk"] * speed
+    feedback[:, HEAVE] = (-omega * thruster_share * d["heave_mass"])[:, None] * climb
+    feedback[:, HEAVE, HEIGHT] = -0.25 * omega * omega * thruster_share * d["heave_mass"]
     return feedback
 
 
@@ -134,7 +135,11 @@ def _rigid_body(plant: Plant, i: int) -> tuple[Floats, Vector]:
     centre = np.array(body.ipos)
     arm = mass * _skew(centre)
     inertia = inertia_tensor(plant.model, body.id)
-    rigid = np.block([[mass * np.eye(3), -arm], [arm, inertia - arm @ _skew(centre)]])
+    rigid = np.zeros((6, 6))
+    rigid[:3, :3] = mass * np.eye(3)
+    rigid[:3, 3:] = -arm
+    rigid[3:, :3] = arm
+    rigid[3:, 3:] = inertia - arm @ _skew(centre)
     return rigid, (float(centre[0]), float(centre[1]), float(centre[2]))
 
 
@@ -213,36 +218,51 @@ def _controlled_hull(plant: Plant, i: int, d: Autopilot) -> _ControlledHull:
     )
 
 
-def _straight_ahead(speed: float) -> Floats:
-    """Velocities and angles of a level, straight course at a speed, shape (9,)."""
-    return np.append(speed, np.zeros(8))
+def _straight_ahead(speeds: Floats) -> Floats:
+    """Velocities and angles of level, straight courses at speeds of shape (n,), shape (n, 9)."""
+    equilibria = np.zeros((speeds.size, 9))
+    equilibria[:, SURGE] = speeds
+    return equilibria
 
 
-def _state_matrix(hull: _ControlledHull, equilibrium: Floats) -> Floats:
-    """Matrix A of the linear motion ẋ = A x of a controlled vehicle about an equilibrium of 6
-    velocities and 3 angles, shape (9,). The state x is made of these, the height and the lagging
-    wrench; shape (16, 16).
+def _state_matrices(hull: _ControlledHull, equilibria: Floats) -> Floats:
+    """Matrices A of the linear motion ẋ = A x of a controlled vehicle about n equilibria of 6
+    velocities and 3 angles, shape (n, 9). The state x is made of these, the height and the lagging
+    wrench; shape (n, 16, 16).
     """
     d = hull.d
-    speed = float(equilibrium[0])
+    n = len(equilibria)
+    speed = equilibria[:, SURGE]
     steps = _DIFFERENCE_STEP * np.eye(9)
-    states = np.concatenate([equilibrium + steps, equilibrium - steps])
-    forces = _forces(hull.c, hull.rigid, hull.centre, states, hull.sea, hull.fitted)
-    count = hull.unit_wrench.shape[1]
-    allocation = np.empty((count, 6))
-    pseudo_inverse_at(d["slow_allocation"][:count], d["fast_allocation"][:count], speed, allocation)
+    states = equilibria[:, None] + np.concatenate([steps, -steps])
+    forces = _forces(
+        hull.c, hull.rigid, hull.centre, states.reshape(-1, 9), hull.sea, hull.fitted
+    ).reshape(n, 18, 6)
+    # change of each component of the wrench per velocity or angle, shape (n, 6, 9)
+    slopes = (forces[:, :9] - forces[:, 9:]).swapaxes(1, 2)
     lag = 0.25 / d["omega"]
-    matrix = np.zeros((16, 16))
-    matrix[:6, :9] = hull.inverse @ (forces[:9] - forces[9:]).T / (2.0 * _DIFFERENCE_STEP)
-    matrix[:6, 10:] = hull.inverse
-    matrix[6:9, 3:6] = np.eye(3)
+    matrices = np.zeros((n, 16, 16))
+    matrices[:, :6, :9] = hull.inverse @ slopes / (2.0 * _DIFFERENCE_STEP)
+    matrices[:, :6, 10:] = hull.inverse
+    matrices[:, 6:9, 3:6] = np.eye(3)
     # nose down is positive about the axis to port
-    matrix[HEIGHT, HEAVE] = 1.0
-    matrix[HEIGHT, PITCH + 3] = -speed
-    feedback = _feedback(d, matrix[HEIGHT, :10], speed)
-    matrix[10:, :10] = hull.unit_wrench @ allocation @ feedback / lag
-    matrix[10:, 10:] = -np.eye(6) / lag
-    return matrix
+    matrices[:, HEIGHT, HEAVE] = 1.0
+    matrices[:, HEIGHT, PITCH + 3] = -speed
+    feedback = _feedback(d, matrices[:, HEIGHT, :10], speed)
+    allocation = _allocations(d, speed, hull.unit_wrench.shape[1])
+    matrices[:, 10:, :10] = hull.unit_wrench @ allocation @ feedback / lag
+    matrices[:, 10:, 10:] = -np.eye(6) / lag
+    return matrices
+
+
+def _allocations(d: Autopilot, speeds: Floats, count: int) -> Floats:
+    """Forces of `count` effectors per unit of a wrench at speeds of shape (n,), (n, count, 6)."""
+    slow = d["slow_allocation"][:count]
+    fast = d["fast_allocation"][:count]
+    allocations = np.empty((speeds.size, count, 6))
+    for allocation, speed in zip(allocations, speeds.tolist(), strict=True):
+        pseudo_inverse_at(slow, fast, speed, allocation)
+    return allocations
 
 
 _PLANES = {  # rows of the motion that belong together
@@ -259,27 +279,31 @@ def _growth(hull: _ControlledHull, speed: float) -> tuple[float, str]:
     A hull without linear damping may swing by a degree or two, which its quadratic damping bounds:
     what swings is looked at about a slow swing.
     """
-    rates, modes = np.linalg.eig(_state_matrix(hull, _straight_ahead(speed)))
+    [matrix] = _state_matrices(hull, _straight_ahead(np.array([speed])))
+    rates, modes = np.linalg.eig(matrix)
     worst = int(np.argmax(rates.real))
     if (
         rates[worst].real > _TOLERATED_GROWTH
         and abs(rates[worst].imag) > _SWING_RATIO * rates[worst].real
     ):
-        equilibrium = np.array([speed, 0.0, 0.0, *_SWING_RATES_RAD_S, 0.0, 0.0, 0.0])
-        rates, modes = np.linalg.eig(_state_matrix(hull, equilibrium))
+        swinging = np.array([[speed, 0.0, 0.0, *_SWING_RATES_RAD_S, 0.0, 0.0, 0.0]])
+        [matrix] = _state_matrices(hull, swinging)
+        rates, modes = np.linalg.eig(matrix)
         worst = int(np.argmax(rates.real))
     size = np.abs(modes[:10, worst])
     plane = max(_PLANES, key=lambda name: size[list(_PLANES[name])].max())
     return float(rates[worst].real), plane
 
 
-def _require_short_steps(
-    hull: _ControlledHull, dt: float, max_speed: float, orbital_speed: float
-) -> None:
-    """LaisnError naming a physics step that is short enough, or what makes the motion too fast."""
-    speed = _CATCH_UP_FACTOR * max_speed + orbital_speed
-    turning = np.array([speed, *_TURN_SWAY_HEAVE_M_S, *_TURN_RATES_RAD_S, 0.0, 0.0, 0.0])
-    matrix = _state_matrix(hull, turning)
+def _turning(speed: float) -> Floats:
+    """Velocities and angles of a brisk turn, shape (9,)."""
+    return np.array([speed, *_TURN_SWAY_HEAVE_M_S, *_TURN_RATES_RAD_S, 0.0, 0.0, 0.0])
+
+
+def _require_short_steps(hull: _ControlledHull, dt: float, matrix: Floats, speed: float) -> None:
+    """LaisnError naming a physics step that is short enough, or what makes the motion too fast, by
+    the state matrix in a brisk turn at a speed.
+    """
     rate = np.abs(np.linalg.eigvals(matrix)).max() if np.all(np.isfinite(matrix)) else np.inf
     if rate * dt < 1.0:
         return
@@ -313,21 +337,26 @@ def require_stable(
     orbital_speed: float = 0.0,
     *,
     min_speed: float = 0.0,
+    top_speeds: Sequence[float] | None = None,
 ) -> None:
     """LaisnError naming vehicle, speed and plane where the motion of a plant's vehicles diverges.
 
     Speeds through the water from `min_speed` to `max_speed`, and to that with which a vehicle
     catches up with its route, are looked at as far as the vehicle reaches them [m/s]. Or the
     motion, also in a turn and with the speed `orbital_speed` of the water in waves [m/s], is too
-    fast for the plant's steps.
+    fast for the plant's steps. `top_speeds` are the vehicles' by `top_speed`, where they are known
+    [m/s].
     """
     for i, (name, d) in enumerate(zip(plant.names, autopilots, strict=True)):
         hull = _controlled_hull(plant, i, d)
-        _require_short_steps(hull, plant.dt, max_speed, orbital_speed)
-        top = max(min(_CATCH_UP_FACTOR * max_speed, top_speed(d)), min_speed)
+        greatest_speed = top_speed(d) if top_speeds is None else top_speeds[i]
+        top = max(min(_CATCH_UP_FACTOR * max_speed, greatest_speed), min_speed)
         count = 1 + int(np.ceil((top - min_speed) / _SPEED_STEP))
         speeds = np.linspace(min_speed, top, count)
-        matrices = [_state_matrix(hull, _straight_ahead(speed)) for speed in speeds]
+        turning_speed = _CATCH_UP_FACTOR * max_speed + orbital_speed
+        equilibria = np.vstack([_turning(turning_speed), _straight_ahead(speeds)])
+        turning_matrix, *matrices = _state_matrices(hull, equilibria)
+        _require_short_steps(hull, plant.dt, turning_matrix, turning_speed)
         growths = np.linalg.eigvals(matrices).real.max(axis=1)
         # eigenvalues without their modes differ from those with them by rounding
         for speed in speeds[growths > _TOLERATED_GROWTH - _ROUNDING]:

@@ -118,9 +118,7 @@ class _Fleet(NamedTuple):
         settings = [setup.settings for setup in setups]
         scales = tuple((each.thrust_scale, each.lift_scale) for each in settings)
         nominal = np.concatenate([self.effectors, self.fixed_fins], axis=1)
-        return _kept(
-            self.true_effectors, scales, lambda: effectors.scaled_records(nominal, setups)
-        )
+        return _kept(self.true_effectors, scales, lambda: effectors.scaled_records(nominal, setups))
 
     def bodies_with(
         self, names: Sequence[str], true_coefficients: npt.NDArray[np.void]

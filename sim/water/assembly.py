@@ -219,8 +219,7 @@ def current_at(
 ) -> Floats:
     """Current without waves at n places [m] and times [s], east and north, shape (n, 2), [m/s]."""
     if sea.ocean.current is None:
-        settings = sea.ocean.current_at(depth, time)
-        return np.asarray(np.broadcast_to(settings, (np.size(time), 2)))
+        return current_of_keys(sea.ocean, east, north, depth, time)
     calm = replace(ocean_of(sea), waves=Waves.none())
     height = np.broadcast_to(-np.asarray(depth, dtype=np.float64), np.shape(time))
     positions = np.ascontiguousarray(np.column_stack([east, north, height]))
@@ -228,6 +227,13 @@ def current_at(
     velocities_at(calm.environment, positions, np.asarray(time, dtype=np.float64), velocity)
     calm.raise_custom_error()
     return velocity[:, :2]
+
+
+def current_of_keys(
+    ocean: OceanTable, _east: Floats, _north: Floats, depth: Floats | float, time: Floats
+) -> Floats:
+    """`current_at` in a sea whose keys state the current, the same at all places of a depth."""
+    return np.asarray(np.broadcast_to(ocean.current_at(depth, time), (np.size(time), 2)))
 
 
 def ocean_of(sea: SeaSettings) -> Ocean:

@@ -25,9 +25,9 @@ def test_at_rest_each_loop_is_critically_damped(axis: int, angle: int, inertia: 
     motion = MotionSettings.of(SCENARIO)
     _, autopilots = calm_plant(hull_of(motion, SCENARIO.leader))
     design = autopilots[0]
-    climb = np.zeros(10)
-    climb[HEAVE] = 1.0
-    feedback = _feedback(design, climb, 0.0)
+    climb = np.zeros((1, 10))
+    climb[:, HEAVE] = 1.0
+    [feedback] = _feedback(design, climb, np.zeros(1))
     mass = float(design[inertia])
     damping = -feedback[axis, axis] / mass
     stiffness = -feedback[axis, angle] / mass
