@@ -589,10 +589,23 @@ def _navigator_errors(
     problems = []
     for key, navigation in navigations:
         where = key.removesuffix("navigation").removesuffix(".")
-        problems += _errors_of(navigation.settings, where)
+        problems += _settings_errors(navigation, where)
     if of_leader is not None:
-        problems += _errors_of(of_leader.settings, "leader")
+        problems += _settings_errors(of_leader, "leader")
     return problems
+
+
+def _settings_errors(navigation: Navigation, where: str) -> Sequence[str]:
+    """What keeps the settings of a navigator from being made."""
+    if navigation.variant in NAVIGATORS:
+        return _kept_settings_errors(navigation, where)
+    # they follow from a class of the user's own as well, which may change
+    return _errors_of(navigation.settings, where)
+
+
+@lru_cache(maxsize=64)
+def _kept_settings_errors(navigation: Navigation, where: str) -> Sequence[str]:
+    return _errors_of(navigation.settings, where)
 
 
 def engine_errors(motion: MotionSettings) -> list[str]:

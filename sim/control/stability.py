@@ -355,9 +355,9 @@ def require_stable(
         speeds = np.linspace(min_speed, top, count)
         turning_speed = _CATCH_UP_FACTOR * max_speed + orbital_speed
         equilibria = np.vstack([_turning(turning_speed), _straight_ahead(speeds)])
-        turning_matrix, *matrices = _state_matrices(hull, equilibria)
-        _require_short_steps(hull, plant.dt, turning_matrix, turning_speed)
-        growths = np.linalg.eigvals(matrices).real.max(axis=1)
+        matrices = _state_matrices(hull, equilibria)
+        _require_short_steps(hull, plant.dt, matrices[0], turning_speed)
+        growths = np.linalg.eigvals(matrices[1:]).real.max(axis=1)
         # eigenvalues without their modes differ from those with them by rounding
         for speed in speeds[growths > _TOLERATED_GROWTH - _ROUNDING]:
             growth, plane = _growth(hull, float(speed))
