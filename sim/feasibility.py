@@ -40,7 +40,6 @@ from sim.scenario.parts import (
     MotionSettings,
     SeaSettings,
     SensingSettings,
-    SoundSettings,
     sensing_of_each,
 )
 from sim.scenario.point_motion import Plan
@@ -653,7 +652,8 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     geometry_errors += (
         [] if geometry_errors else _errors_of(partial(require_sea, motion.sea), "ocean")
     )
-    sound = SoundSettings.of(scenario)
+    # alike of all followers
+    sound = sensing_of[0].sound
     geometry_errors += (
         [] if geometry_errors else _errors_of(partial(require_beacons, sound), "links")
     )

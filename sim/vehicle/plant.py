@@ -304,8 +304,8 @@ class Plant:
         self.site_vehicle = fleet.sites.vehicle
         self.site_offset = fleet.sites.offset
 
-        forward = attitude.rotate(self.pose[:, 3:], np.array([1.0, 0.0, 0.0]))
-        self.twist[:, :3] = np.array([[setup.speed_m_s] for setup in setups]) * forward
+        forward = np.array(attitude.rotated(self.pose[:, 3:].T, (1.0, 0.0, 0.0)))
+        self.twist[:, :3] = (forward * [setup.speed_m_s for setup in setups]).T
         self._solver = self._solver_of(engine) if settled or engine == "direct" else None
         if not settled:
             self._handles: StepHandles | FleetHandles = self.handles_alone
