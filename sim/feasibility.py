@@ -585,7 +585,7 @@ def _navigator_errors(
     navigations: Sequence[tuple[str, Navigation]], of_leader: Navigation | None
 ) -> list[str]:
     """What keeps the navigators of followers, by their keys, and of the leader from being made."""
-    problems = []
+    problems: list[str] = []
     for key, navigation in navigations:
         where = key.removesuffix("navigation").removesuffix(".")
         problems += _settings_errors(navigation, where)
