@@ -16,13 +16,13 @@ relative to the water, in the body [m/s], [rad/s]; they give force [N] and momen
 [N m].
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from laisn.arrays import Floats, Records
 from laisn.compiled import compiled, inlined, select
-from laisn.simd import all_lanes, any_lane
+from laisn.simd import all_lanes, any_lane, like
 from laisn.vector_math import exp
 from sim.attitude import (
     Matrix,
@@ -42,6 +42,7 @@ from sim.vehicle.effectors import Fitted, effector_wrench
 from sim.vehicle.mjcf import Coefficients
 from sim.vehicle.solvers import Load, matrix_times
 from sim.water.environment import Environment, SeaInstant, elevation_at, flow, sea_at
+from sim.water.waves import Flow
 
 
 @inlined
@@ -133,19 +134,30 @@ def cross_flow(c: Coefficients, v: Vector, w: Vector) -> tuple[Vector, Vector]:
     U; unequal ones scale each axis by the cube root of its C: C |U| U along either axis alone, and
     always against the motion.
     """
-    root_y, root_z = c.cross_flow_root[0], c.cross_flow_root[1]
-    fy = fz = my = mz = 0.0
+    root_y = c.cross_flow_root[0]
+    root_z = c.cross_flow_root[1]
+    # cross-flow of the strip at x, times the roots: side + x side_per_m, up - x up_per_m
+    side = root_y * v[1]
+    side_per_m = root_y * w[2]
+    up = root_z * v[2]
+    up_per_m = root_z * w[1]
+    sum_side = sum_up = side_moment = up_moment = 0.0
     for i in range(c.n_strips):
         x = c.strip_x[i]
-        side = root_y * (v[1] + x * w[2])
-        up = root_z * (v[2] - x * w[1])
-        scale = -0.5 * c.density * c.strip_area[i] * np.sqrt(side * side + up * up)
-        dy, dz = scale * root_y * side, scale * root_z * up
-        fy += dy
-        fz += dz
-        my -= x * dz
-        mz += x * dy
-    return (0.0, fy, fz), (0.0, my, mz)
+        strip_side = side + x * side_per_m
+        strip_up = up - x * up_per_m
+        speed = np.sqrt(strip_side * strip_side + strip_up * strip_up)
+        area_speed = c.strip_area[i] * speed
+        drag_side = area_speed * strip_side
+        drag_up = area_speed * strip_up
+        sum_side += drag_side
+        sum_up += drag_up
+        side_moment += x * drag_side
+        up_moment += x * drag_up
+    scale_y = -0.5 * c.density * root_y
+    scale_z = -0.5 * c.density * root_z
+    force = (0.0, scale_y * sum_side, scale_z * sum_up)
+    return force, (0.0, -(scale_z * up_moment), scale_y * side_moment)
 
 
 @compiled
@@ -228,6 +240,52 @@ def immersion(
     return (1.0, 0.0) if deep else (wet / area, arm / area)
 
 
+@inlined
+def _size(v: Vector) -> float:
+    return abs(v[0]) + abs(v[1]) + abs(v[2])
+
+
+@inlined
+def _varies(water: Flow) -> bool:
+    """Whether water is not the same at all places and times about a hull."""
+    gradient = water.gradient
+    total = _size(water.rate) + _size(gradient[0]) + _size(gradient[1]) + _size(gradient[2])
+    total += _size(water.axis_gradient_rate) + _size(water.axis_acceleration_gradient)
+    return bool(any_lane(total != 0.0))
+
+
+class WaterTurn(NamedTuple):
+    """How water that varies along a hull acts as if it turned, in the body."""
+
+    turning: Vector  # its rate of turn [rad/s]
+    rate: Vector  # rate of change of the water's velocity along the hull's path [m/s²]
+    turning_rate: Vector  # rate of change of `turning` in the body [rad/s²]
+
+
+@inlined
+def _no_turn(zero: float) -> WaterTurn:
+    """That of water that does not vary."""
+    none = (zero, zero, zero)
+    return WaterTurn(none, none, none)
+
+
+@compiled
+def _turn_of(water: Flow, to_world: Matrix, axis: Vector, spin: Vector) -> WaterTurn:
+    """That of other water; `axis` is the unit vector along the hull, in the world."""
+    to_body = transposed(to_world)
+    gradient = water.gradient
+    axis_rate = cross(matvec(to_world, spin), axis)
+    axis_gradient = matvec(gradient, axis)
+    turning = matvec(to_body, cross(axis, axis_gradient))
+    axis_gradient_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
+    turning_rate = plus(cross(axis_rate, axis_gradient), cross(axis, axis_gradient_rate))
+    return WaterTurn(
+        turning,
+        matvec(to_body, water.rate),
+        minus(matvec(to_body, turning_rate), cross(spin, turning)),
+    )
+
+
 @compiled
 def wrench(
     c: Coefficients,
@@ -259,25 +317,26 @@ def wrench(
 
     water = flow(sea, position, velocity, axis)
     gradient = water.gradient
-    v = matvec(to_body, minus(velocity, water.velocity))
+    # most seas are calm, with a current that is the same everywhere: a third of the step
+    varies = _varies(water)
+    zero = like(0.0, pose[0])
+    turn = _no_turn(zero)
+    if varies:
+        turn = _turn_of(water, to_world, axis, spin)
     # v = Rᵀ (ẋ − u), and w = ω − Rᵀ (e × ∇u e): water that changes along a slender hull acts as if
     # the hull turned the other way round
-    axis_rate = cross(matvec(to_world, spin), axis)
-    axis_gradient = matvec(gradient, axis)
-    turning = matvec(to_body, cross(axis, axis_gradient))
-    w = minus(spin, turning)
-    axis_gradient_rate = plus(water.axis_gradient_rate, matvec(gradient, axis_rate))
-    turning_rate = plus(cross(axis_rate, axis_gradient), cross(axis, axis_gradient_rate))
-    relative_rate = (
-        plus(matvec(to_body, water.rate), cross(spin, v)),
-        minus(matvec(to_body, turning_rate), cross(spin, turning)),
-    )
+    v = matvec(to_body, minus(velocity, water.velocity))
+    w = minus(spin, turn.turning)
+    relative_rate = plus(turn.rate, cross(spin, v)), turn.turning_rate
 
     momentum, angular = matrix_times(c.added_mass, v, w)
     force, moment = kirchhoff(c.munk_factor, v, spin, momentum, angular)
-    terms = gradient_force(gradient, axis, matvec(to_world, momentum), matvec(to_world, angular))
-    force = plus(force, matvec(to_body, terms[0]))
-    moment = plus(moment, matvec(to_body, terms[1]))
+    if varies:
+        terms = gradient_force(
+            gradient, axis, matvec(to_world, momentum), matvec(to_world, angular)
+        )
+        force = plus(force, matvec(to_body, terms[0]))
+        moment = plus(moment, matvec(to_body, terms[1]))
     damped = damping(c, v, w)
     across = cross_flow(c, v, w)
     force = plus(plus(plus(force, damped[0]), across[0]), hull_lift(c, v))
@@ -300,14 +359,17 @@ def wrench(
     moment = plus(moment, terms[1])
     # B ρ(z)/ρ_0: a hull that dives into denser water becomes lighter there
     buoyancy = c.buoyancy * sea.density_model.relative_density_at(-position[2], c.density)
+    displaced = (zero, zero, zero)
     # Froude-Krylov, ρ V Du/Dt with Du/Dt = du/dt − ∇u (ẋ − u): the pressure that accelerates the
     # water particles acts on the hull in their place, along their own path, not along the hull's
-    particle_acceleration = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
-    displaced = scaled(buoyancy / c.gravity, matvec(to_body, particle_acceleration))
-    force = plus(force, displaced)
-    # likewise its moment: the water along the hull is accelerated as if it turned with this rate
-    turning_acceleration = cross(axis, water.axis_acceleration_gradient)
-    moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, turning_acceleration)))
+    if varies:
+        particle_acceleration = minus(water.rate, matvec(gradient, minus(velocity, water.velocity)))
+        displaced = scaled(buoyancy / c.gravity, matvec(to_body, particle_acceleration))
+        force = plus(force, displaced)
+        # likewise its moment: the water along the hull is accelerated as if it turned with this
+        # rate
+        turning_acceleration = cross(axis, water.axis_acceleration_gradient)
+        moment = plus(moment, scaled(c.displaced_inertia, matvec(to_body, turning_acceleration)))
 
     # f = R (s f + thrust) + s B z, and m less the moment of the buoyancy that dry strips lack
     share, dry_arm = immersion(c, position, axis, sea)

@@ -168,7 +168,7 @@ computed, compute = [], campaign.compute
 
 def counted(trajectory, plans):
     computed.extend(plan.key for plan in plans)
-    time.sleep(0.1)
+    time.sleep(float(sys.argv[2]))
     return compute(trajectory, plans)
 
 campaign.compute = counted
@@ -185,13 +185,14 @@ def test_two_processes_in_one_folder_share_the_work_and_give_the_same_rows(compu
     shared = tmp_path / "shared"
     children = [
         subprocess.Popen(
-            [sys.executable, "-c", SHARED, str(shared)],
+            [sys.executable, "-c", SHARED, str(shared), pause_s],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
-        for _ in range(2)
+        # of equal speed, they might take each mission at the same time
+        for pause_s in ("0.05", "0.3")
     ]
     for child in children:
         assert child.stdout.readline() == "ready\n"
