@@ -46,6 +46,21 @@ def test_motion_in_a_uniform_current_is_the_motion_in_still_water_carried_along(
     np.testing.assert_allclose(moving.pose[3:], still.pose[3:], atol=1e-10)
 
 
+def test_water_that_hardly_varies_acts_as_water_that_does_not() -> None:
+    """What only varying water does to a hull, which is left out in other water, goes to nothing
+    with the shear of a current.
+    """
+    wrenches = []
+    for shear_1_s in (0.0, 1e-13):
+        ocean = Ocean(current_speed_m_s=0.7, current_direction_rad=1.1, current_shear_1_s=shear_1_s)
+        tank = Tank(models.path("leader").read_text(), ocean, 0.02)
+        tank.place([3.0, 4.0, -20.0], attitude.from_euler(0.3, 0.2, -0.1), [1, 0.4, 0.2, 3, 2, 1])
+        wrenches.append(tank.water_wrench())
+    without, with_shear = wrenches
+    assert np.abs(without).min() > 0.1
+    np.testing.assert_allclose(with_shear, without, rtol=1e-10)
+
+
 def test_a_neutral_hull_is_accelerated_as_the_water_is() -> None:
     """The pressure that accelerates the water moves what weighs as much as it displaces: it
     stays with the water.
