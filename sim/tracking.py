@@ -348,7 +348,7 @@ def pair_distances(places: Floats) -> PairDistances:
 
 class LeastDistances(NamedTuple):
     """Least distance of each of v vehicles from each other over a time, shapes (v, v), [m];
-    infinite on the diagonal.
+    infinite on the diagonal, NaN where a place is not a number.
     """
 
     in_space: Floats
@@ -365,8 +365,9 @@ def _least_squares(position: Floats, in_space: Floats, horizontal: Floats) -> No
                 north = position[k, i, 1] - position[k, j, 1]
                 up = position[k, i, 2] - position[k, j, 2]
                 level = east * east + north * north
-                horizontal[i, j] = min(horizontal[i, j], level)
-                in_space[i, j] = min(in_space[i, j], level + up * up)
+                # unlike those of min, the results of np.minimum are NaN where a number is
+                horizontal[i, j] = np.minimum(horizontal[i, j], level)
+                in_space[i, j] = np.minimum(in_space[i, j], level + up * up)
 
 
 def least_distances(position: Floats) -> LeastDistances:

@@ -110,6 +110,18 @@ def test_least_distances_are_those_of_every_instant() -> None:
     )
 
 
+def test_least_distances_from_a_vehicle_whose_place_is_not_a_number_are_none() -> None:
+    positions = np.random.default_rng(6).normal(0.0, 10.0, (50, 4, 3))
+    positions[20, 2, 2] = np.nan
+    actual = least_distances(positions)
+    of_the_lost = [[0, 2], [1, 2], [2, 0], [2, 1], [2, 3], [3, 2]]
+    assert np.argwhere(np.isnan(actual.in_space)).tolist() == of_the_lost
+    # the depth alone is missing
+    assert not np.isnan(actual.horizontal).any()
+    positions[20, 2, 0] = np.nan
+    assert np.argwhere(np.isnan(least_distances(positions).horizontal)).tolist() == of_the_lost
+
+
 def test_of_many_vehicles_the_nearest_pair_and_all_contacts_are_those_of_every_instant() -> None:
     """Twenty random walks, 6 m apart at first; the hulls of two touch between two of the instants
     at which all distances are computed. Expected are the least distances over all instants.
