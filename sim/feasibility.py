@@ -248,10 +248,16 @@ _MOST_HULLS_AND_SPEEDS = 1024
 
 @kept_with_plugins(_MOST_HULLS_AND_SPEEDS)
 def _stability_errors(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> list[str]:
-    """What `require_stable` reports, in waves whose water moves at up to `orbital_speed` [m/s]."""
+    """What `_require_stable_hull` reports, in waves whose water moves at up to `orbital_speed`
+    [m/s].
+    """
+    return _errors_of(partial(_require_stable_hull, hull, speeds, orbital_speed), "hull")
+
+
+def _require_stable_hull(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> None:
+    """LaisnError as of `require_stable`, or if an effector cannot have its scales."""
     plant, designs = calm_plant(hull)
-    build = partial(
-        require_stable,
+    require_stable(
         plant,
         designs,
         speeds.fastest,
@@ -259,7 +265,6 @@ def _stability_errors(hull: Hull, speeds: SpeedRange, orbital_speed: float) -> l
         min_speed=speeds.slowest,
         top_speeds=[top_speed_of(hull)],
     )
-    return _errors_of(build, "hull")
 
 
 class VerticalForces(NamedTuple):

@@ -20,6 +20,7 @@ from sim.hull import (
 from sim.scenario.parts import MotionSettings
 from sim.scenario.routes import library_route
 from sim.scenario.settings import OceanTable, Scenario, Vehicle
+from sim.vehicle.effector_kinds import Thruster
 
 CHANGED_KEYS = {
     "model": "leader",
@@ -84,6 +85,22 @@ def test_a_hull_as_it_is_designed_differs_in_its_scales_alone() -> None:
         values = {key: getattr(hull.settings, key) for key in CHANGED_KEYS} | nominal
         expected = hull_with(hull.physics_step_s, hull.density_kg_m3, **values)
         assert hull.as_designed == expected
+
+
+def test_scales_that_an_effector_refuses_are_an_error_of_the_vehicle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of a kind of the user's own, whose `scale` may raise."""
+
+    def refuse(_kind: Thruster, _record: object, thrust_ratio: float, _lift_ratio: float) -> None:
+        if thrust_ratio != 1.0:
+            raise LaisnError(f"no thrust of {thrust_ratio:g}")
+
+    monkeypatch.setattr(Thruster, "scale", refuse)
+    # no other test has a plant with this scale, which would be kept
+    follower = {"name": "f", "route": "T5", "thrust_scale": 0.8123}
+    scenario = Scenario.model_validate({"name": "s", "followers": (follower,)})
+    assert feasibility.infeasibilities(scenario) == ["followers[0]: no thrust of 0.8123"]
 
 
 def refuse_with_numbers(plant, designs, max_speed, orbital_speed, *, min_speed, top_speeds):
