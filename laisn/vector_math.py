@@ -35,6 +35,8 @@ _INTEGER = _U(0x4330000000000000)  # bits of 2⁵²: or-ing an integer below 2�
 _TWO_52 = 4503599627370496.0
 _ROUNDING = 1.5 * _TWO_52  # adding it leaves the nearest integer in the low bits
 _BIAS = _U(1023)
+MIN_EXPONENT = -700.0
+"""An exponent whose `exp` is a normal number, for bounds of what decays."""
 _LN2 = math.log(2.0)
 _LN2_HIGH = 0.6931471803691238  # ln 2 to 32 bits, so that its products with exponents are exact
 _LN2_LOW = 1.9082149292705877e-10
@@ -191,17 +193,17 @@ def half_turn_angle(cross: float, dot: float) -> float:
 
 @inlined
 def arctan2(y: float, x: float) -> float:
-    """Angle of the vector (x, y) from the first axis, in [−π, π]; a zero for two zeros."""
+    """Angle of the vector (x, y) from the first axis, in [−π, π] [rad]; a zero for two zeros."""
     return float(np.copysign(half_turn_angle(y, x), y))
 
 
 @inlined
 def arctan(tangent: float) -> float:
-    """Angle of a tangent, in [−π/2, π/2]."""
+    """Angle of a tangent, in [−π/2, π/2] [rad]."""
     return arctan2(tangent, 1.0)
 
 
 @inlined
 def arcsin(sine: float) -> float:
-    """Angle of a sine, which is in [−1, 1], in [−π/2, π/2]."""
+    """Angle of a sine, which is in [−1, 1], in [−π/2, π/2] [rad]."""
     return arctan2(sine, math.sqrt((1.0 - sine) * (1.0 + sine)))

@@ -141,7 +141,7 @@ def _steer(k: int, memory: LaneMemory, routes: RouteControl) -> None:
 
 
 @compiled
-def _fly_all(
+def _fly(
     used: int,
     substeps: int,
     memory: LaneMemory,
@@ -152,6 +152,9 @@ def _fly_all(
 
     `substeps` are physics steps from one instant to the next, `truths` histories by lane, out.
     """
+    # to count references to these arrays at each step would take 5 % of the time
+    memory = borrowed_values(memory)
+    truths = borrowed_values(truths)
     handles = handles_of_lanes(memory.motion, kinds)
     fault = _settle(memory, handles)
     if fault[0] != OK:
@@ -171,18 +174,6 @@ def _fly_all(
             _copy_lane(memory.motion.states, lane, truth.effector_states[k])
         _steer(k, memory, routes)
     return OK, -1
-
-
-@compiled
-def _fly(
-    used: int,
-    substeps: int,
-    memory: LaneMemory,
-    kinds: Kinds,
-    truths: tuple[StateHistory, ...],
-) -> Fault:
-    """`_fly_all`; to count references to its arrays at each step would take 5 % of the time."""
-    return _fly_all(used, substeps, borrowed_values(memory), kinds, borrowed_values(truths))
 
 
 def fly_group(missions: Sequence[Mission]) -> bool:

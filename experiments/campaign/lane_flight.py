@@ -157,8 +157,7 @@ def tally_step(
     """
     truth = Point(hydrophone[0], hydrophone[1])
     origin = Point(leader[0], leader[1])
-    sine, cosine = sin_cos(leader[2])
-    axis = SinCos(sine, cosine)
+    axis = SinCos(*sin_cos(leader[2]))
     for lane in range(lanes.in_use(block)):
         estimate = lanes.point_at(block, lanes.X, lane)
         covariance = block[lanes.PXX + lane], block[lanes.PXY + lane], block[lanes.PYY + lane]
@@ -187,13 +186,12 @@ def _tally_alone(
     bearing = np.empty(n)
     mirrored = np.empty(n)
     for k in range(n):
-        sine, cosine = sin_cos(own[k, 7])
         judged = _judge(
             Point(states[0, k], states[1, k]),
             (states[2, k], states[3, k], states[4, k]),
             Point(own[k, 3], own[k, 4]),
             Point(own[k, 5], own[k, 6]),
-            SinCos(sine, cosine),
+            SinCos(*sin_cos(own[k, 7])),
         )
         squared[k] = judged.squared
         bearing[k] = judged.bearing
@@ -697,7 +695,7 @@ def fly_block(
         np.empty((len(_JUDGED_ROWS), n if computed == 1 else 0)),
     )
     memory.block[lanes.IDLE] = LANES - computed
-    # to count references to all arrays at each step would take a fifth of the time
+    # to count references to all arrays at each step would take a tenth of the time
     _fly_steps(
         borrowed_values(truth),
         errors,

@@ -23,7 +23,7 @@ import numpy as np
 from laisn.arrays import Floats, Records
 from laisn.compiled import compiled, inlined, select
 from laisn.simd import all_lanes, any_lane, like
-from laisn.vector_math import exp
+from laisn.vector_math import MIN_EXPONENT, exp
 from sim.attitude import (
     Matrix,
     Pose,
@@ -47,8 +47,10 @@ from sim.water.waves import Flow
 
 @inlined
 def linear_share(fade: float, speed: float) -> float:
-    """Share of its linear damping that a hull has at a speed, exp(−fade U)."""
-    return exp(-min(fade * speed, 700.0))
+    """Share of its linear damping that a hull has at a speed U [m/s], exp(−fade U); `fade` in
+    [s/m].
+    """
+    return exp(max(-fade * speed, MIN_EXPONENT))
 
 
 @inlined
@@ -317,7 +319,7 @@ def wrench(
 
     water = flow(sea, position, velocity, axis)
     gradient = water.gradient
-    # most seas are calm, with a current that is the same everywhere: a third of the step
+    # most seas are calm, with a current that is the same everywhere: there, much is left out
     varies = _varies(water)
     zero = like(0.0, pose[0])
     turn = _no_turn(zero)

@@ -19,7 +19,7 @@ from laisn.arrays import Floats, Two, freeze_arrays
 from laisn.compiled import compiled, method_by_type, select
 from laisn.errors import LaisnError
 from laisn.simd import like
-from laisn.vector_math import exp, sin_cos
+from laisn.vector_math import MIN_EXPONENT, exp, sin_cos
 from sim.attitude import Matrix, Vector
 from sim.water.currents import CurrentFlow, Drift
 
@@ -165,7 +165,6 @@ K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
 """What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the
 velocity scale a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the
 floor."""
-_MIN_EXPONENT = -700.0  # keeps exp(kz) above zero
 
 
 class WaveTrain(NamedTuple):
@@ -327,7 +326,7 @@ def _orbits(waves: AnyWaves, x: float, y: float, z: float, time: float) -> Float
         phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
         sin, cos = sin_cos(phase)
         # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        decay = exp(max(rows[K, i] * z, _MIN_EXPONENT))
+        decay = exp(max(rows[K, i] * z, MIN_EXPONENT))
         mirrored = rows[MIRROR, i] / decay
         horizontal = rows[ORBITAL, i] * (decay + mirrored)
         upward = rows[ORBITAL, i] * (decay - mirrored)
