@@ -3,15 +3,19 @@
 The physics is that of `sim.vehicle.stepping.advance`, the control that of
 `sim.simulation.steer_vehicle`, both compiled for lanes (`laisn.simd`). A mission moves in a lane as
 it does alone with the solver "direct", to the bit, whatever flies beside it.
+
+No vehicle depends on another. One that is the same in all missions of a group, as a leader is where
+followers are varied, is flown in the first group and then known.
 """
 
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Records
+from laisn.arrays import Bools, Floats, Ints, Records, numbers_of
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.held import borrowed_values
@@ -28,7 +32,14 @@ from sim.simulation import (
 )
 from sim.trajectory import StateHistory, Trajectory
 from sim.vehicle.effectors import Kinds
-from sim.vehicle.lanes import MAX_ALONE, LaneMotion, handles_of_lanes, lane_motion_of, suits_lanes
+from sim.vehicle.lanes import (
+    MAX_ALONE,
+    LaneMotion,
+    handles_of_lanes,
+    handles_of_vehicles,
+    lane_motion_of,
+    suits_lanes,
+)
 from sim.vehicle.stepping import OK, Fault, StepHandles, advance
 from sim.water.environment import Environment, sea_at, velocity_of_water
 
@@ -38,6 +49,7 @@ class LaneMemory(NamedTuple):
     of lanes.
     """
 
+    vehicles: Ints  # their numbers in each mission, shape (v,)
     motion: LaneMotion
     water: Floats  # velocity of the water at the vehicles, shape (v, 3, LANES), [m/s]
     reference: Records  # as of `RouteControl`, shape (n, v), as are the next three, shape (v,)
@@ -47,20 +59,29 @@ class LaneMemory(NamedTuple):
     commanded_from_outside: Bools  # as of `RouteControl`: none is
 
 
-def _memory_of(missions: Sequence[Mission]) -> LaneMemory:
-    """States of missions whose plants are not settled, side by side; ValueError if they differ in
-    more than numbers.
+def _columns(table: Records, vehicles: Ints) -> Records:
+    """Columns of a table of records of doubles, shape (n, v); NumPy copies records one by one, and
+    numbers eight times as fast.
     """
-    motion = lane_motion_of([mission.plant.handles_alone for mission in missions])
+    return np.take(numbers_of(table), vehicles, axis=1).view(table.dtype)[..., 0]
+
+
+def _memory_of(missions: Sequence[Mission], vehicles: Ints) -> LaneMemory:
+    """States of vehicles of missions whose plants are not settled, side by side; ValueError if they
+    differ in more than numbers.
+    """
+    handles = [mission.plant.handles_alone for mission in missions]
+    motion = lane_motion_of([handles_of_vehicles(each, vehicles) for each in handles])
     routes = [mission.routes for mission in missions]
-    v = len(motion.pose)
+    v = len(vehicles)
     return LaneMemory(
+        vehicles=vehicles,
         motion=motion,
         water=np.zeros((v, 3, LANES)),
-        reference=in_lanes([each.reference for each in routes]),
-        autopilot_designs=in_lanes([each.autopilot_designs for each in routes]),
-        guidance=in_lanes([each.guidance for each in routes]),
-        autopilot_memories=in_lanes([each.autopilot_memories for each in routes]),
+        reference=in_lanes([_columns(each.reference, vehicles) for each in routes]),
+        autopilot_designs=in_lanes([each.autopilot_designs[vehicles] for each in routes]),
+        guidance=in_lanes([each.guidance[vehicles] for each in routes]),
+        autopilot_memories=in_lanes([each.autopilot_memories[vehicles] for each in routes]),
         commanded_from_outside=np.zeros(v, dtype=np.bool_),
     )
 
@@ -80,10 +101,11 @@ def _record_water(k: int, memory: LaneMemory, environment: Environment) -> None:
 
 
 @compiled
-def _copy_lane(values: Floats, lane: int, out: Floats) -> None:
-    for i in range(out.shape[0]):
+def _copy_lane(values: Floats, lane: int, vehicles: Ints, out: Floats) -> None:
+    """Copy a lane of rows of values to the rows of `out` that have these numbers."""
+    for i in range(vehicles.size):
         for j in range(out.shape[1]):
-            out[i, j] = values[i, j, lane]
+            out[vehicles[i], j] = values[i, j, lane]
 
 
 @compiled
@@ -155,6 +177,7 @@ def _fly(
     # to count references to these arrays at each step would take 5 % of the time
     memory = borrowed_values(memory)
     truths = borrowed_values(truths)
+    vehicles = memory.vehicles
     handles = handles_of_lanes(memory.motion, kinds)
     fault = _settle(memory, handles)
     if fault[0] != OK:
@@ -168,38 +191,148 @@ def _fly(
         _record_water(k, memory, handles.environment)
         for lane in range(used):
             truth = truths[lane]
-            _copy_lane(memory.motion.pose, lane, truth.pose[k])
-            _copy_lane(memory.motion.twist, lane, truth.twist[k])
-            _copy_lane(memory.water, lane, truth.water[k])
-            _copy_lane(memory.motion.states, lane, truth.effector_states[k])
+            _copy_lane(memory.motion.pose, lane, vehicles, truth.pose[k])
+            _copy_lane(memory.motion.twist, lane, vehicles, truth.twist[k])
+            _copy_lane(memory.water, lane, vehicles, truth.water[k])
+            _copy_lane(memory.motion.states, lane, vehicles, truth.effector_states[k])
         _steer(k, memory, routes)
     return OK, -1
+
+
+def _numbers_of(value: object) -> Iterator[bytes]:
+    """All numbers of arrays, and of tuples of such, in order."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from _numbers_of(part)
+    else:
+        yield np.asarray(value).tobytes()
+
+
+class _VehicleInputs(NamedTuple):
+    """All that the motion of a vehicle in lanes follows from."""
+
+    numbers: bytes  # of hull, effectors, autopilot, sea and start
+    table: Records  # as of `RouteControl.reference`, of which it follows a column
+    vehicle: int  # number of the column
+
+    @classmethod
+    def of(cls, mission: Mission, vehicle: int) -> Self:
+        """The inputs of a mission that `suits_lanes`, before its first instant."""
+        handles = mission.plant.handles_alone
+        sea = handles.environment
+        routes = mission.routes
+        of_vehicle = (
+            handles.pose,
+            handles.twist,
+            handles.response,
+            handles.coefficients,
+            handles.fitted.records,
+            handles.solver.bodies,
+            routes.autopilot_designs,
+            routes.guidance,
+            routes.autopilot_memories,
+        )
+        of_all = handles.clock, sea.current, sea.waves, sea.density_model
+        numbers = _numbers_of((of_all, tuple(array[vehicle] for array in of_vehicle)))
+        return cls(b"".join(numbers), routes.reference, vehicle)
+
+    def _reference_bits(self) -> Ints:
+        return numbers_of(_columns(self.table, np.array([self.vehicle]))).view(np.int64)
+
+    def equals(self, other: Self) -> bool:
+        """Whether the same motion follows from both, to the bit."""
+        if self.numbers != other.numbers:
+            return False
+        # missions along the same routes share their tables
+        if self.table is other.table and self.vehicle == other.vehicle:
+            return True
+        return np.array_equal(self._reference_bits(), other._reference_bits())
+
+
+class _KnownMotion(NamedTuple):
+    """What a vehicle of a group that was flown did."""
+
+    inputs: _VehicleInputs
+    history: StateHistory  # of this vehicle, arrays of shape (n, c)
+
+    @classmethod
+    def of(cls, inputs: _VehicleInputs, truth: StateHistory, vehicle: int) -> Self:
+        """A copy of what is recorded of a vehicle."""
+        return cls(inputs, StateHistory(*(array[:, vehicle].copy() for array in truth)))
+
+    def give(self, truth: StateHistory, vehicle: int) -> None:
+        """Record it as that of a vehicle."""
+        for source, target in zip(self.history, truth, strict=True):
+            target[:, vehicle] = source
+
+
+# motions that missions of further groups may share: 2 MB each of a mission of 1000 s
+_known_motions: deque[_KnownMotion] = deque(maxlen=4)
+_MAX_KNOWN_INSTANTS = 100_000  # longer motions are not kept
+
+
+def _known_motion(inputs: _VehicleInputs) -> _KnownMotion | None:
+    return next((known for known in _known_motions if known.inputs.equals(inputs)), None)
+
+
+def _shared_inputs(missions: Sequence[Mission]) -> dict[int, _VehicleInputs]:
+    """What the motions of the vehicles follow from that are the same in all missions, by their
+    numbers.
+    """
+    shared = {}
+    for vehicle in range(len(missions[0].plant.names)):
+        first = _VehicleInputs.of(missions[0], vehicle)
+        others = (_VehicleInputs.of(mission, vehicle) for mission in missions[1:])
+        if all(first.equals(other) for other in others):
+            shared[vehicle] = first
+    return shared
+
+
+def _fly_vehicles(missions: Sequence[Mission], vehicles: Ints) -> bool:
+    """Fly some vehicles of each mission; see `fly_group`."""
+    if not vehicles.size:
+        return True
+    try:
+        memory = _memory_of(missions, vehicles)
+    except ValueError:
+        return False
+    plant = missions[0].plant
+    padded = [*missions, *[missions[0]] * (LANES - len(missions))]
+    fault = _fly(
+        len(missions),
+        round(TICK / plant.dt),
+        memory,
+        plant.kinds,
+        tuple(mission.truth for mission in padded),
+    )
+    return fault[0] == OK
 
 
 def fly_group(missions: Sequence[Mission]) -> bool:
     """Fly up to eight missions of `mission_for_lanes` to their end; False, with motions of no use,
     if they differ in more than numbers, or one of them diverges.
     """
-    plants = [mission.plant for mission in missions]
-    if not all(suits_lanes(plant.handles_alone) for plant in plants):
-        return False
-    try:
-        memory = _memory_of(missions)
-    except ValueError:
+    if not all(suits_lanes(mission.plant.handles_alone) for mission in missions):
         return False
     shapes = {mission.truth.pose.shape for mission in missions}
     controllers = {type(mission.controller) for mission in missions}
     if len(shapes) > 1 or controllers != {RouteControl}:
         return False
-    padded = [*missions, *[missions[0]] * (LANES - len(missions))]
-    fault = _fly(
-        len(missions),
-        round(TICK / plants[0].dt),
-        memory,
-        plants[0].kinds,
-        tuple(mission.truth for mission in padded),
-    )
-    return fault[0] == OK
+    shared = _shared_inputs(missions)
+    known = {vehicle: _known_motion(inputs) for vehicle, inputs in shared.items()}
+    first = missions[0].truth
+    instants, vehicles, _ = first.pose.shape
+    unknown = [vehicle for vehicle in range(vehicles) if known.get(vehicle) is None]
+    if not _fly_vehicles(missions, np.array(unknown, dtype=np.int64)):
+        return False
+    for vehicle, inputs in shared.items():
+        motion = known[vehicle]
+        if motion is not None:
+            for mission in missions:
+                motion.give(mission.truth, vehicle)
+        elif instants <= _MAX_KNOWN_INSTANTS:
+            _known_motions.append(_KnownMotion.of(inputs, first, vehicle))
+    return True
 
 
 def _is_for_lanes(motion: MotionSettings) -> bool:

@@ -301,7 +301,7 @@ def _frozen(records: npt.NDArray[np.void], vehicles: Ints) -> npt.NDArray[np.voi
     return chosen
 
 
-def _handles_of(handles: StepHandles, vehicles: Ints) -> StepHandles:
+def handles_of_vehicles(handles: StepHandles, vehicles: Ints) -> StepHandles:
     """Handles of some vehicles, in memory of their own."""
     r = len(vehicles)
     pose = handles.pose[vehicles]
@@ -340,9 +340,9 @@ def fleet_handles(handles: StepHandles) -> StepHandles | FleetHandles:
     vehicles = np.array([[*row, *[row[0]] * (LANES - len(row))] for row in rows], dtype=np.int64)
     beside = np.setdiff1d(np.arange(len(handles.pose)), vehicles)
     rest = _Rest(
-        handles=_handles_of(handles, beside),
+        handles=handles_of_vehicles(handles, beside),
         command=np.zeros((len(beside), handles.response.shape[1])),
         vehicles=beside,
     )
-    lanes = [_handles_of(handles, column) for column in vehicles.T]
+    lanes = [handles_of_vehicles(handles, column) for column in vehicles.T]
     return FleetHandles(handles, lane_motion_of(lanes), vehicles, rest)

@@ -10,10 +10,11 @@ from experiments.flight.library import load_scenario
 from experiments.study.file import study_of
 from experiments.study.plan import engines_of, plan_of
 from experiments.study.run import StudyResults, fly_studies
+from laisn.arrays import Ints
 from sim import side_by_side
 from sim.scenario.parts import MotionSettings
 from sim.side_by_side import groups_for_lanes, simulate_side_by_side
-from sim.simulation import simulate_open_loop
+from sim.simulation import Mission, simulate_open_loop
 from sim.trajectory import Trajectory
 
 RECORDED = ("pose", "twist", "effector_states", "water_velocity")
@@ -120,6 +121,94 @@ def test_a_hull_that_leaves_the_water_moves_as_it_does_alone() -> None:
     motions = [motion_of(f"followers.0.depth_m={depth}") for depth in (0.05, 0.1, 9.0)]
     for actual, motion in zip(simulate_side_by_side(motions), motions, strict=True):
         require_equal(actual, simulate_open_loop(motion))
+
+
+@pytest.fixture
+def flown(monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
+    """Numbers of the vehicles that each group since then has flown; none is known before."""
+    groups = list[list[int]]()
+    fly_vehicles = side_by_side._fly_vehicles
+
+    def fly_and_record(missions: Sequence[Mission], vehicles: Ints) -> bool:
+        groups.append(vehicles.tolist())
+        return fly_vehicles(missions, vehicles)
+
+    monkeypatch.setattr(side_by_side, "_fly_vehicles", fly_and_record)
+    side_by_side._known_motions.clear()
+    return groups
+
+
+def varied_followers(first: int, *settings: str) -> list[MotionSettings]:
+    """Three missions in JONSWAP waves and a current, whose followers differ."""
+    sea = ("ocean.waves.kind=jonswap", "ocean.waves.components=20", "ocean.current_speed_m_s=0.2")
+    return [
+        motion_of(*sea, f"followers.0.drag_scale={1.0 + 0.01 * i}", *settings)
+        for i in range(first, first + 3)
+    ]
+
+
+def require_each_as_alone(motions: Sequence[MotionSettings]) -> None:
+    for actual, motion in zip(simulate_side_by_side(motions), motions, strict=True):
+        require_equal(actual, simulate_open_loop(motion))
+
+
+@pytest.mark.system
+def test_a_leader_of_all_missions_is_flown_once(flown: list[list[int]]) -> None:
+    require_each_as_alone(varied_followers(0))
+    require_each_as_alone(varied_followers(3))
+    # on another route of the follower, whose table of references is another
+    require_each_as_alone(varied_followers(0, "followers.0.depth_m=7"))
+    assert flown == [[0, 1], [1], [1]]
+
+
+@pytest.mark.system
+def test_missions_without_any_difference_in_motion_are_flown_once(flown: list[list[int]]) -> None:
+    calm = [motion_of(f"seed={i}") for i in range(6)]
+    require_each_as_alone(calm[:3])
+    require_each_as_alone(calm[3:])
+    assert flown == [[0, 1], []]
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    "change",
+    [
+        "leader.drag_scale=1.01",
+        "leader.lift_scale=1.01",
+        "leader.thrust_scale=0.99",
+        "leader.added_mass_scale=1.01",
+        "leader.excess_buoyancy_n=1",
+        "leader.cg_offset_x_m=0.001",
+        "leader.depth_m=11",
+        "leader.start_speed_m_s=0.9",
+        "leader.waypoints=[[0, 0, 0], [40, 30, 60]]",
+        "leader.depth_control=thrust",
+        "leader.model=lauv",
+        "seed=7",
+        "ocean.waves.height_m=0.4",
+        "ocean.floor_depth_m=35",
+        "ocean.current_speed_m_s=0.21",
+        "ocean.current_shear_per_s=0.001",
+        "ocean.density_kg_m3=1010",
+        "timing.physics_step_s=0.025",
+        "duration_s=21",
+    ],
+)
+def test_whatever_changes_a_leaders_motion_makes_it_fly(
+    change: str, flown: list[list[int]]
+) -> None:
+    require_each_as_alone(varied_followers(0))
+    require_each_as_alone(varied_followers(0, change))
+    assert flown[0] == [0, 1]
+    assert 0 in flown[1]
+
+
+@pytest.mark.system
+def test_a_leader_that_differs_in_one_mission_is_flown_in_all(flown: list[list[int]]) -> None:
+    motions = [*varied_followers(0), *varied_followers(3, "leader.drag_scale=1.1")[:1]]
+    require_each_as_alone(motions)
+    require_each_as_alone(motions)
+    assert flown == [[0, 1], [0, 1]]
 
 
 def test_a_mission_that_ends_early_does_not_end_others() -> None:
