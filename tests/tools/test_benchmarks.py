@@ -434,8 +434,12 @@ def test_the_symbols_of_the_formula_follow_the_record() -> None:
     of_missions = {
         "study: T5 by mujoco, another mission with one run": plain_finding(323.4, "", "ms"),
         "study: T5 by mujoco, a mission beside its motion": plain_finding(123.4, "", "ms"),
-        "study: T5 by direct, another mission with one run": plain_finding(73.4, "", "ms"),
-        "study: T5 by direct, a mission beside its motion": plain_finding(23.4, "", "ms"),
+        "study: T5 by direct, both vehicles varied, another mission with one run": plain_finding(
+            73.4, "", "ms"
+        ),
+        "study: T5 by direct, both vehicles varied, a mission beside its motion": plain_finding(
+            23.4, "", "ms"
+        ),
         "formation: leader + 10: a run of 1000 s, whole, by direct": plain_finding(0.11, "", "s"),
     }
     record = replace(measured, findings={**measured.findings, **of_missions})

@@ -401,7 +401,10 @@ def main() -> None:
     """Run the benchmarks named on the command line, or all of them."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument(
-        "names", nargs="*", choices=[*BENCHMARKS, []], help="benchmarks; all if none is named"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"benchmarks, of {', '.join(BENCHMARKS)}; all if none is named",
     )
     parser.add_argument("--rounds", type=int, default=3, help="how many times each is run")
     parser.add_argument(
@@ -414,6 +417,9 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     names = arguments.names or list(BENCHMARKS)
+    unknown = [name for name in names if name not in BENCHMARKS]
+    if unknown:
+        parser.error(f"no benchmark {', '.join(unknown)}; expected of {', '.join(BENCHMARKS)}")
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_setaffinity") else set()
     measured: dict[str, list[list[Row]]] = {}
     for name in names:

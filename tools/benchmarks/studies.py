@@ -3,6 +3,7 @@ itself.
 """
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,8 +36,10 @@ duration_s = {duration_s}
 "ocean.waves.kind" = "{waves}"
 
 [draw]
-"followers.0.drag_scale" = {{ uniform = [0.8, 1.2] }}
-"""
+{draws}"""
+FOLLOWER = ("followers.0",)
+BOTH = ("followers.0", "leader")
+"""Vehicles whose drag is drawn: with that of the follower alone, all missions have one leader."""
 
 
 class _Studies(NamedTuple):
@@ -51,21 +54,36 @@ class _Studies(NamedTuple):
         engine: str,
         duration_s: float = WHOLE_S,
         waves: str = CALM,
+        varied: Sequence[str] = FOLLOWER,
     ) -> float:
         """Processor time of a study that was not computed before [s]."""
         number = sum(1 for _ in self.folder.glob("*.toml"))
         path = self.folder / f"study-{number}.toml"
-        text = _STUDY.format(runs=runs, missions=missions, duration_s=duration_s, waves=waves)
+        text = _STUDY.format(
+            runs=runs,
+            missions=missions,
+            duration_s=duration_s,
+            waves=waves,
+            draws="".join(
+                f'"{vehicle}.drag_scale" = {{ uniform = [0.8, 1.2] }}\n' for vehicle in varied
+            ),
+        )
         path.write_text(text, encoding="utf-8")
         results = self.folder / path.stem
         options = ("--workers", "1", "--engine", engine, "--out", str(results))
         return time_of_command((*LAISN, "study", str(path), *options)).processor_s
 
-    def mission_s(self, engine: str, duration_s: float = WHOLE_S, waves: str = CALM) -> float:
+    def mission_s(
+        self,
+        engine: str,
+        duration_s: float = WHOLE_S,
+        waves: str = CALM,
+        varied: Sequence[str] = FOLLOWER,
+    ) -> float:
         """Processor time of a further mission with one run [s]."""
         fewest, most = MISSIONS[engine]
-        few_s = self.seconds(1, fewest, engine, duration_s, waves)
-        many_s = self.seconds(1, most, engine, duration_s, waves)
+        few_s = self.seconds(1, fewest, engine, duration_s, waves, varied)
+        many_s = self.seconds(1, most, engine, duration_s, waves, varied)
         return (many_s - few_s) / (most - fewest)
 
 
@@ -85,6 +103,8 @@ def studies() -> list[Row]:
             calm_s[engine] = timed.mission_s(engine)
             short_s[engine] = timed.mission_s(engine, SHORT_S)
             wavy_s[engine] = timed.mission_s(engine, waves="jonswap")
+        both_s = timed.mission_s("direct", varied=BOTH)
+        both_short_s = timed.mission_s("direct", SHORT_S, varied=BOTH)
         few_runs_s, many_runs_s = (timed.seconds(runs, 1, "direct") for runs in RUNS)
     run_s = (many_runs_s - few_runs_s) / (RUNS[1] - RUNS[0])
     # a mission takes its motion, in proportion to its length, and a rest, which is the same of both
@@ -110,6 +130,12 @@ def studies() -> list[Row]:
         ]
     return [
         *rows,
+        Row("T5 by direct, both vehicles varied, another mission with one run", both_s * 1e3, "ms"),
+        Row(
+            "T5 by direct, both vehicles varied, a mission beside its motion",
+            (both_short_s - share * both_s) / (1.0 - share) * 1e3,
+            "ms",
+        ),
         Row(
             "T5, missions by direct over mujoco",
             calm_s["mujoco"] / calm_s["direct"],
