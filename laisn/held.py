@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numba
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
@@ -166,6 +167,54 @@ def _release_values(held: "Held") -> None:
     _release(held)
 
 
+def _structure(values: object) -> object:
+    """What the type of values follows from: a key of `_held_types`.
+
+    Arrays are of `numpy.ndarray` or a class of it, records of `numpy.void`, and numbers have the
+    types themselves for keys.
+    """
+    if isinstance(values, tuple):
+        return type(values), *map(_structure, values)
+    if isinstance(values, np.ndarray):
+        flags = values.flags
+        layout = (flags.c_contiguous, flags.f_contiguous, flags.writeable)
+        return type(values), values.ndim, layout, *_structure_of_elements(values.dtype)
+    if isinstance(values, np.void):
+        return type(values), *_structure_of_elements(values.dtype)
+    return numba.typeof(values)
+
+
+def _structure_of_elements(dtype: np.dtype[Any]) -> tuple[object, ...]:
+    """A type of elements, and whether the records in it are aligned, which equal ones need not
+    be alike.
+    """
+    dtype, shape = dtype.subdtype or (dtype, ())
+    if dtype.names is None:
+        return dtype, shape
+    members = [_structure_of_elements(dtype[name]) for name in dtype.names]
+    return dtype, shape, dtype.isalignedstruct, *members
+
+
+# the types of the values that were held last, by `_structure`: to find one takes some 10 ms
+_held_types: dict[object, HeldType] = {}
+_MOST_TYPES = 64
+
+
+def _held_type(values: object) -> HeldType:
+    """The type of held values, whose memory can be given back from now on."""
+    structure = _structure(values)
+    held_type = _held_types.get(structure)
+    if held_type is not None:
+        return held_type
+    held_type = HeldType(numba.typeof(values))
+    # an object may go at any time, also while something else is compiled
+    cast(Any, _release_values).compile((held_type,))
+    while len(_held_types) >= _MOST_TYPES:
+        _held_types.pop(next(iter(_held_types)), None)
+    _held_types[structure] = held_type
+    return held_type
+
+
 class Held:
     """Values of compiled code, such as a NamedTuple of arrays, in memory until this object goes."""
 
@@ -175,10 +224,8 @@ class Held:
     def __init__(self, values: object) -> None:
         # records are views of the memory of these objects
         self._values = values
-        self._numba_type_ = HeldType(numba.typeof(values))
+        self._numba_type_ = _held_type(values)
         self.address = _store_values(values)
-        # an object may go at any time, also while something else is compiled
-        cast(Any, _release_values).compile((self._numba_type_,))
 
     def __del__(
         self,

@@ -1,5 +1,7 @@
 """A plan made into routes and vehicles."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from laisn.arrays import Floats
@@ -7,7 +9,7 @@ from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import SPEED_MIN
 from sim.scenario.routes import Route
 from sim.scenario.settings import Follower, Leader
-from sim.scenario.vehicle_routes import depth_profile_of, route_of
+from sim.scenario.vehicle_routes import DepthKeys, depth_profile_of, route_of
 from sim.vehicle.mjcf import VehicleSetup, transmitter_places
 
 
@@ -28,7 +30,7 @@ def are_at_baseline_and_offset(sites: Floats) -> bool:
 
 def _initial_route_of_station(follower: Follower, duration_s: float, leader: Route) -> Route:
     """Where a follower on a station begins, and how: beside the leader, as if its trail had been
-    straight.
+    straight. Calls with equal results give the same object, and so the same plan.
     """
     assert follower.station is not None
     ahead = leader.initial_direction
@@ -42,8 +44,16 @@ def _initial_route_of_station(follower: Follower, duration_s: float, leader: Rou
     # a route needs a speed: of one that starts at rest, the least
     speed = leader.start_speed if follower.start_speed_m_s is None else follower.start_speed_m_s
     speed = speed or SPEED_MIN
-    points = [start, start + max(duration_s, 1.0) * speed * ahead]
-    return Route.at_speed(follower.name, points, speed, depth_profile_of(follower))
+    end = start + max(duration_s, 1.0) * speed * ahead
+    points = (tuple(start.tolist()), tuple(end.tolist()))
+    return _straight_route(follower.name, points, speed, DepthKeys.of(follower))
+
+
+@lru_cache(maxsize=256)
+def _straight_route(
+    name: str, points: tuple[tuple[float, ...], ...], speed: float, depths: DepthKeys
+) -> Route:
+    return Route.at_speed(name, points, speed, depth_profile_of(depths))
 
 
 def routes_of(plan: MissionPlan) -> tuple[Route, ...]:

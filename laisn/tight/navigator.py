@@ -18,6 +18,7 @@ from laisn.compiled import compiled, compiled_apart, copy_values
 from laisn.errors import LaisnError
 from laisn.estimates import FixKind, FixRecord, TightEstimates
 from laisn.geometry import given_transmitters, place_transmitters
+from laisn.held import borrowed_values
 from laisn.messages import Measurements, OwnMotion, Reception
 from laisn.mixture import (
     Chain,
@@ -723,29 +724,55 @@ class TightSwarm(NamedTuple):
     ) -> int:
         """Advance by one filter step, the same to the bit as `TightNavigator.step`; see
         `Swarm.navigate`.
+
+        Counts no references to arrays, which would take time at each step.
         """
-        beliefs = self.beliefs
-        m = self.model
-        records_covariance = record.covariance.shape[1] > 0
-        for i in range(beliefs.size):
-            b = beliefs[i]
-            estimate = estimates[i]
-            preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
-            if received[i]:
-                depth = readings[i].depth
-                used = _receive(b, m, self.range_message, messages[i], ranges[i], depth, True)
-                if used < 0:
-                    return i + 1
-                received_ranges, used_ranges, _ = outcome_of(b, m, used)
-                self.gated[i] += received_ranges > 0 and used_ranges == 0
-                _write_outputs(b, m, estimate)
-                if records_covariance:
-                    fix = record.fix[i, new_fix(record, i, step, 0)]
-                    write_fix(b, m, self.reported_indices, used, fix)
-            estimate.position[0], estimate.position[1] = position(b)
-            estimate.velocity[0], estimate.velocity[1] = velocity(b)
-            _record_state(b, m, estimate, i, step, record)
-        return 0
+        return _navigate(
+            borrowed_values(self),
+            step,
+            (borrowed_values(readings), borrowed_values(received)),
+            (borrowed_values(messages), borrowed_values(ranges)),
+            borrowed_values(estimates),
+            borrowed_values(record),
+        )
+
+
+@compiled
+def _navigate(
+    swarm: TightSwarm,
+    step: int,
+    measured: tuple[Records, Bools],
+    sent: tuple[Records, Floats],
+    estimates: Records,
+    record: SwarmRecord,
+) -> int:
+    """`TightSwarm.navigate` with readings and whether a message is in, and with messages and
+    ranges.
+    """
+    readings, received = measured
+    messages, ranges = sent
+    beliefs = swarm.beliefs
+    m = swarm.model
+    records_covariance = record.covariance.shape[1] > 0
+    for i in range(beliefs.size):
+        b = beliefs[i]
+        estimate = estimates[i]
+        preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
+        if received[i]:
+            depth = readings[i].depth
+            used = _receive(b, m, swarm.range_message, messages[i], ranges[i], depth, True)
+            if used < 0:
+                return i + 1
+            received_ranges, used_ranges, _ = outcome_of(b, m, used)
+            swarm.gated[i] += received_ranges > 0 and used_ranges == 0
+            _write_outputs(b, m, estimate)
+            if records_covariance:
+                fix = record.fix[i, new_fix(record, i, step, 0)]
+                write_fix(b, m, swarm.reported_indices, used, fix)
+        estimate.position[0], estimate.position[1] = position(b)
+        estimate.velocity[0], estimate.velocity[1] = velocity(b)
+        _record_state(b, m, estimate, i, step, record)
+    return 0
 
 
 def new_tight_swarm(settings: TightSettings, starts: Floats) -> TightSwarm:

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
+from threading import Lock
 from typing import Annotated
 
 import numpy as np
@@ -167,9 +168,16 @@ def reference(
     return table
 
 
-# references of so many vehicles times instants are kept for other missions with the same routes:
-# 6 MB each
+# references of a vehicle at more instants are kept of no mission: 6 MB each
 _MAX_SHARED_INSTANTS = 100_000
+# those of missions that were flown last are kept for others with the same routes, up to this memory
+_MAX_SHARED_BYTES = 64_000_000
+
+_MissionKey = tuple[tuple[Route, ...], int, tuple[float, ...], tuple[float, ...]]
+
+# routes cannot be written and equal themselves alone, so that they can be keys; the last used last
+_shared_missions: dict[_MissionKey, Records] = {}
+_changing_shared = Lock()
 
 
 def mission_reference(
@@ -181,25 +189,21 @@ def mission_reference(
     """`reference` at the instants 0 to `ticks` of a mission, one every CONTROL_STEP_S; read-only,
     for missions along the same routes share it.
     """
-    is_shared = len(routes) * (ticks + 1) <= _MAX_SHARED_INSTANTS
-    make = _shared_mission_reference if is_shared else _mission_reference
-    return make(routes, ticks, lead, least_radii)
-
-
-def _mission_reference(
-    routes: tuple[Route, ...],
-    ticks: int,
-    lead: tuple[float, ...],
-    least_radii: tuple[float, ...],
-) -> Records:
+    key = (routes, ticks, lead, least_radii)
+    with _changing_shared:
+        kept = _shared_missions.pop(key, None)
+        if kept is not None:
+            _shared_missions[key] = kept
+            return kept
     time = np.arange(ticks + 1, dtype=np.float64) * CONTROL_STEP_S
     table = reference(routes, time, lead, least_radii)
     table.flags.writeable = False
+    if table.nbytes <= _MAX_SHARED_BYTES:
+        with _changing_shared:
+            _shared_missions[key] = table
+            while sum(shared.nbytes for shared in _shared_missions.values()) > _MAX_SHARED_BYTES:
+                del _shared_missions[next(iter(_shared_missions))]
     return table
-
-
-# routes cannot be written and equal themselves alone, so that they can be keys
-_shared_mission_reference = lru_cache(maxsize=4)(_mission_reference)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 from laisn.errors import LaisnError
 from sim.scenario.routes import DepthProfile, Route, library_route
@@ -20,6 +20,20 @@ class _Depths(Protocol):
     def saw_tooth_amplitude_m(self) -> float: ...
     @property
     def saw_tooth_period_s(self) -> float: ...
+
+
+class DepthKeys(NamedTuple):
+    """Keys of a vehicle that its depth follows from."""
+
+    held_depth_m: float
+    depth_profile: tuple[tuple[float, float], ...]
+    saw_tooth_amplitude_m: float
+    saw_tooth_period_s: float
+
+    @classmethod
+    def of(cls, vehicle: _Depths) -> Self:
+        """Those of a vehicle."""
+        return cls(*(getattr(vehicle, key) for key in cls._fields))
 
 
 class _RouteKeys(NamedTuple):

@@ -240,6 +240,24 @@ def _number(address: Address, stream: int) -> int:
     return stream + STREAMS * (link if stream >= LEADER_STREAMS else address.follower)
 
 
+STEPS_AHEAD = 16
+"""Filter steps that `draw_ahead` draws for."""
+
+
+@compiled
+def draw_ahead(address: Address, stream: int, normals: Floats) -> None:
+    """Two standard normals of a stream at each of STEPS_AHEAD steps from an address on: first all
+    first ones, then all second ones, shape (2 STEPS_AHEAD,).
+    """
+    number = _U(_number(address, stream))
+    # loops of their own, which are vectorised
+    for i in range(STEPS_AHEAD):
+        w0, w1, w2, w3 = words(address.seed, address.run, number, _U(address.step + i))
+        normals[i], normals[STEPS_AHEAD + i] = two_uniforms(w0, w1, w2, w3)
+    for i in range(STEPS_AHEAD):
+        normals[i], normals[STEPS_AHEAD + i] = two_normals(normals[i], normals[STEPS_AHEAD + i])
+
+
 def normals_at(address: Address, stream: int) -> tuple[float, float]:
     """Two standard normals of a stream at an address."""
     return _draw(address.seed, address.run, _number(address, stream), address.step, 0)[:2]

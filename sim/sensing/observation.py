@@ -48,6 +48,7 @@ _POSITION_WALK = int(noise.Stream.LEADER_POSITION_WALK)
 _LOSS = int(noise.Stream.LOSS)
 _RANGE_UNIFORM = int(noise.Stream.RANGE_UNIFORM)
 _RANGE_SCALE = int(noise.Stream.RANGE_SCALE)
+_INSTRUMENT_STREAMS = tuple(sorted({sensor.stream for sensor in sensors.INSTRUMENTS}))
 _BROADCAST = (*sensors.LEADER, *sensors.LEADER_ATTITUDE)
 _COLUMNS = (
     LeaderMessage._fields.index(name)
@@ -170,18 +171,54 @@ def read_own(e: sensors.SensorErrors, address: Address, true: Floats, reading: F
         _write_channels(sensor.read(e, true[sensor.column :], draws), sensor.column, reading)
 
 
+class InstrumentNoise(NamedTuple):
+    """Normals of the instruments of f followers, drawn for several filter steps at once."""
+
+    # of each stream and follower, as of `noise.draw_ahead`
+    normals: Floats
+    first: Ints  # the first filter step that they are of, shape (1,); negative: of none
+
+
+def new_instrument_noise(followers: int) -> InstrumentNoise:
+    """Nothing drawn yet."""
+    streams = max(_INSTRUMENT_STREAMS) + 1
+    return InstrumentNoise(
+        normals=np.zeros((streams, followers, 2 * noise.STEPS_AHEAD)),
+        first=np.full(1, -noise.STEPS_AHEAD),
+    )
+
+
+@compiled
+def _draw_instruments(s: SensorModel, k: int, drawn: InstrumentNoise) -> None:
+    """Draw for the instruments of all followers from filter step k on."""
+    drawn.first[0] = k
+    for stream in _INSTRUMENT_STREAMS:
+        for follower in range(drawn.normals.shape[1]):
+            address = Address(s.seed, s.run, follower, k)
+            noise.draw_ahead(address, stream, drawn.normals[stream, follower])
+
+
 @compiled
 def read_instruments(
-    s: SensorModel, k: int, follower: int, state: State, depth_sensor: Floats, reading: Floats
+    s: SensorModel,
+    k: int,
+    follower: int,
+    state: State,
+    depth_sensor: Floats,
+    drawn: InstrumentNoise,
+    reading: Floats,
 ) -> None:
     """Read all of a follower's own sensors at filter step k, in the order of
-    `laisn.swarm.READING`.
+    `laisn.swarm.READING`, with noise that is drawn ahead where that of step k is not yet.
     """
+    if not 0 <= k - drawn.first[0] < noise.STEPS_AHEAD:
+        _draw_instruments(s, k, drawn)
+    i = k - drawn.first[0]
     e = s.errors[follower]
-    address = Address(s.seed, s.run, follower, k)
-    instant = sensors.instant_of((k * s.dt, follower), state, depth_sensor, (0.0, 0.0))
+    instant = sensors.instant_of_instruments((k * s.dt, follower), state, depth_sensor)
     for sensor in literal_unroll(sensors.INSTRUMENTS):
-        draws = noise.normals_at(address, sensor.stream)
+        normals = drawn.normals[sensor.stream, follower]
+        draws = (normals[i], normals[noise.STEPS_AHEAD + i])
         _write_channels(
             sensor.read(e, sensor.true(e, instant, None), draws), sensor.column, reading
         )

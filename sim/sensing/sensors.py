@@ -305,6 +305,25 @@ def instant_of(
         depth_sensor: its place in the hull, shape (3,), [m].
         tilt: as of `Instant`.
     """
+    return _instant_of(clock, motion, depth_sensor, tilt, roll_of(motion[0][3:]))
+
+
+@jitable
+def instant_of_instruments(
+    clock: tuple[float, int], motion: tuple[Any, Any, Any], depth_sensor: Vector | Floats
+) -> Instant:
+    """What INSTRUMENTS may see: the same without roll and tilt, which none of them reads."""
+    return _instant_of(clock, motion, depth_sensor, (math.nan, math.nan), math.nan)
+
+
+@jitable
+def _instant_of(
+    clock: tuple[float, int],
+    motion: tuple[Any, Any, Any],
+    depth_sensor: Vector | Floats,
+    tilt: tuple[float, float],
+    roll: float,
+) -> Instant:
     pose, twist, water = motion
     quaternion = pose[3:]
     return Instant(
@@ -312,7 +331,7 @@ def instant_of(
         clock[1],
         heading_of(quaternion),
         pitch_of(quaternion),
-        roll_of(quaternion),
+        roll,
         speed_through_water(pose, twist, water),
         -body_point_in_world(pose, depth_sensor)[2],
         (twist[3], twist[4], twist[5]),

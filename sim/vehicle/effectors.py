@@ -383,22 +383,43 @@ def state_for(kinds: Kinds, record: Effector, density: float, force: float, spee
 
 def force_limits_of(records: npt.NDArray[np.void], density: float, speed: float) -> Floats:
     """`force_limits` of each record of a vehicle, shape (m, 2), [N]."""
-    kinds = kinds_of(records)
-    limits = [force_limits(kinds, record, density, speed) for record in records]
-    return np.array(limits).reshape(-1, 2)
+    limits = np.empty((len(records), 2))
+    _write_force_limits(kinds_of(records), records, density, speed, limits)
+    return limits
+
+
+@compiled
+def _write_force_limits(
+    kinds: Kinds, records: npt.NDArray[np.void], density: float, speed: float, limits: Floats
+) -> None:
+    """`force_limits` of each record; that Python calls this, and not `force_limits`, leaves the
+    latter to its compiled callers, which take it in.
+    """
+    for i in range(limits.shape[0]):
+        limits[i, 0], limits[i, 1] = force_limits(kinds, records[i], density, speed)
 
 
 def states_for(
     records: npt.NDArray[np.void], density: float, forces: Floats, speed: float
 ) -> Floats:
     """`state_for` of each record of a vehicle, shape (m,)."""
-    kinds = kinds_of(records)
-    return np.array(
-        [
-            state_for(kinds, record, density, force, speed)
-            for record, force in zip(records, forces, strict=True)
-        ]
-    )
+    states = np.empty(len(records))
+    _write_states(kinds_of(records), records, density, (forces, speed), states)
+    return states
+
+
+@compiled
+def _write_states(
+    kinds: Kinds,
+    records: npt.NDArray[np.void],
+    density: float,
+    wanted: tuple[Floats, float],
+    states: Floats,
+) -> None:
+    """`state_for` of each record, as `_write_force_limits`; `wanted` are forces and speed."""
+    forces, speed = wanted
+    for i in range(states.shape[0]):
+        states[i] = state_for(kinds, records[i], density, forces[i], speed)
 
 
 def scaled_records(

@@ -6,13 +6,14 @@ import gc
 import re
 import sys
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numba
 import numpy as np
 import pytest
 from numba.extending import overload
 
+from laisn import held
 from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, compiled_apart, jitable
 from laisn.held import Held, borrowed_values, held_values
@@ -93,6 +94,60 @@ def test_held_arrays_live_as_long_as_they_are_held() -> None:
     gc.collect()
     # released are the references of the NamedTuple and of compiled code
     assert sys.getrefcount(array) == references - 2
+
+
+class Other(NamedTuple):
+    numbers: Floats
+    factor: float
+
+
+def with_numbers(numbers: object) -> Outer:
+    return new_outer()._replace(inner=Inner(cast(Any, numbers), 3.0))
+
+
+def test_held_values_have_the_type_that_numba_finds() -> None:
+    """Types are kept by structure, of which everything counts that a type follows from."""
+    read_only = np.arange(4.0)
+    read_only.flags.writeable = False
+    packed = np.dtype([("a", np.int8), ("x", np.float64)])
+    aligned = np.dtype([("a", np.int8), ("x", np.float64)], align=True)
+    as_aligned = np.dtype(
+        {"names": ["a", "x"], "formats": [np.int8, np.float64], "offsets": [0, 8], "itemsize": 16}
+    )
+    assert as_aligned == aligned
+    nested = [np.dtype([("inner", dtype, 2)]) for dtype in (aligned, as_aligned)]
+    values: list[object] = [
+        new_outer(),
+        new_outer()._replace(inner=cast(Any, Other(np.arange(4.0), 3.0))),
+        new_outer()._replace(pair=(np.zeros(2), cast(Any, 1))),
+        new_outer()._replace(points=cast(Any, records(POINT, 2)[0])),
+        with_numbers(read_only),
+        with_numbers(np.arange(8.0)[::2]),
+        with_numbers(np.zeros((2, 2))),
+        with_numbers(np.zeros((2, 2), order="F")),
+        with_numbers(np.arange(4)),
+        with_numbers(np.float32(1.0)),
+        with_numbers(2**63),
+        with_numbers(None),
+        with_numbers((1.0, True)),
+        *(with_numbers(np.zeros(2, dtype)) for dtype in (packed, aligned, as_aligned, *nested)),
+        *(with_numbers(np.zeros(2, dtype)[0]) for dtype in (packed, aligned, as_aligned)),
+    ]
+    found = [numba.typeof(value) for value in values]
+    for _ in range(2):
+        assert [numba.typeof(Held(value)).values for value in values] == found
+    assert numba.typeof(Held(new_outer())) is numba.typeof(Held(new_outer()))
+
+
+def test_types_of_held_values_are_bounded_in_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(held, "_MOST_TYPES", 2)
+    monkeypatch.setattr(held, "_held_types", {})
+    for values in ((1.0,), (1.0, 2), (True,)):
+        Held(values)
+        Held(values)
+    assert [kept.values for kept in held._held_types.values()] == [
+        numba.typeof(values) for values in ((1.0, 2), (True,))
+    ]
 
 
 @jitable

@@ -112,6 +112,33 @@ def test_missions_share_a_reference_only_if_all_that_it_follows_from_is_alike():
     assert guidance.mission_reference(**arguments) is guidance.mission_reference(**arguments)
 
 
+def test_references_of_missions_are_kept_within_a_bounded_memory(monkeypatch):
+    routes_of_many = tuple(replace(NORTHBOUND) for _ in range(12))
+    none = (0.0,) * 12
+    of_many = [guidance.mission_reference(routes_of_many, 9000, none, none) for _ in range(2)]
+    # more vehicles than references of single ones are kept
+    assert of_many[0] is of_many[1]
+    shared = guidance._shared_missions
+    shared.clear()
+    first, second, third = (
+        guidance.mission_reference((NORTHBOUND,), ticks, (0.3,), (0.0,)) for ticks in range(99, 102)
+    )
+    monkeypatch.setattr(guidance, "_MAX_SHARED_BYTES", 2 * third.nbytes)
+    assert guidance.mission_reference((NORTHBOUND,), 99, (0.3,), (0.0,)) is first
+    fourth = guidance.mission_reference((NORTHBOUND,), 98, (0.3,), (0.0,))
+    # those that were used last stay
+    assert [*map(id, shared.values())] == [id(first), id(fourth)]
+    assert guidance.mission_reference((NORTHBOUND,), 100, (0.3,), (0.0,)) is not second
+    np.testing.assert_array_equal(
+        guidance.mission_reference((NORTHBOUND,), 100, (0.3,), (0.0,)), second
+    )
+    # one that is larger than all that may be kept is not, and leaves the others
+    before = [*shared]
+    guidance.mission_reference((NORTHBOUND,), 1000, (0.3,), (0.0,))
+    assert [*shared] == before
+    shared.clear()
+
+
 def test_on_the_path_nothing_is_corrected():
     table = guidance.reference([CORNER], np.arange(0, 300, DT))[:, 0]
     memory = record(guidance.GUIDANCE_MEMORY, table[0].course, table[0].speed, (0.0, 0.0))

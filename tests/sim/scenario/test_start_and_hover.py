@@ -10,6 +10,7 @@ from sim.assembly import routes_of
 from sim.flight import Termination
 from sim.scenario.file import ScenarioError
 from sim.scenario.parts import MissionPlan
+from sim.scenario.routes import Route
 from sim.tracking import cross_track
 
 WAYPOINTS_AT_HALF_M_S = [[0, 0, 0], [60, 30, 0], [120, 30, 30]]
@@ -18,6 +19,40 @@ WAYPOINTS_AT_HALF_M_S = [[0, 0, 0], [60, 30, 0], [120, 30, 30]]
 def start_speeds(table: dict[str, Any]) -> list[float]:
     """Start speeds of the leader and its followers [m/s]."""
     return [route.start_speed for route in routes_of(MissionPlan.of(laisn_sim.load(table)))]
+
+
+def test_missions_share_the_route_of_a_station_only_if_all_that_it_follows_from_is_alike() -> None:
+    table: dict[str, Any] = {
+        "duration_s": 90.0,
+        "followers": [{"name": "a", "station": {"behind_m": 10.0, "port_m": 4.0, "depth_m": 12.0}}],
+    }
+
+    def route_with(duration_s: float = 90.0, leader: str = "L", **keys: Any) -> Route:
+        follower = table["followers"][0] | keys
+        changed = {"duration_s": duration_s, "leader": {"route": leader}, "followers": [follower]}
+        return routes_of(MissionPlan.of(laisn_sim.load(changed)))[1]
+
+    changes: list[dict[str, Any]] = [
+        {},
+        {"name": "b"},
+        {"duration_s": 91.0},
+        {"leader": "T5"},
+        {"start_m": [3.0, 5.0]},
+        {"start_speed_m_s": 0.7},
+        *(
+            {"station": {"behind_m": 10.0, "port_m": 4.0, "depth_m": 12.0} | change}
+            for change in ({"behind_m": 11.0}, {"port_m": 5.0}, {"depth_m": 13.0})
+        ),
+    ]
+    routes = [route_with(**change) for change in changes]
+    assert len(set(routes)) == len(changes)
+    assert [route_with(**change) for change in changes] == routes
+    assert [route.name for route in routes[:2]] == ["a", "b"]
+    numbers = [
+        (*route.time.tolist(), *route.waypoint.ravel().tolist(), *route.depth.depth.tolist())
+        for route in routes[1:]
+    ]
+    assert len(set(numbers)) == len(numbers)
 
 
 def test_a_vehicle_starts_at_the_mean_speed_of_its_first_leg() -> None:

@@ -48,6 +48,15 @@ def test_philox_gives_the_published_outputs(counter: str, key: str, output: str)
     assert [int(word) for word in _philox(words)] == [int(word, 16) for word in output.split()]
 
 
+def test_normals_drawn_ahead_are_those_of_each_step() -> None:
+    for seed, run, follower, first in ((7, 3, 2, 0), (2**63 + 5, 2**31, 40, 12345)):
+        drawn = np.zeros(2 * noise.STEPS_AHEAD)
+        noise.draw_ahead(Address(*noise.seed_and_run(seed, run), follower, first), 6, drawn)
+        steps = first + np.arange(noise.STEPS_AHEAD)
+        expected = normals(seed, run, Stream.GYRO.number(follower), steps)
+        np.testing.assert_array_equal(drawn.reshape(2, -1).T, expected)
+
+
 def test_normals_are_those_of_box_and_muller() -> None:
     # The words of an address by the published algorithm of Philox 4x32-10 in Python's integers, the
     # normals by the functions of `math`.

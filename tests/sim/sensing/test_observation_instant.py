@@ -18,6 +18,7 @@ from sim.sensing.observation import (
     RECEIVED,
     SensorModel,
     new_inbox,
+    new_instrument_noise,
     read_instruments,
     receive,
     sensor_model_of,
@@ -62,6 +63,7 @@ def attitude_readings(sensors: SensorModel, steps: int, follower: int = 0) -> Fl
         np.r_[1.0, 0.0, 0.0, RATES],
     )
     readings = records(READING, steps)
+    drawn = new_instrument_noise(2)
     for k in range(steps):
         read_instruments(
             sensors,
@@ -69,9 +71,31 @@ def attitude_readings(sensors: SensorModel, steps: int, follower: int = 0) -> Fl
             follower,
             (pose, twist, np.zeros(3)),
             np.zeros(3),
+            drawn,
             numbers_of(readings)[k],
         )
     return numbers_of(readings)[:, 3:]
+
+
+@pytest.mark.system
+def test_readings_are_those_of_their_step_whatever_was_read_before() -> None:
+    """Noise is drawn for several steps at once, also of steps that are read out of order."""
+    sensors = sensor_model_of(SensingSettings.of(scenario(0.5, 0.1)))
+    state = (np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0)], np.zeros(6), np.zeros(3))
+    kept = new_instrument_noise(2)
+    steps = [0, 1, 15, 16, 17, 40, 39, 3, 3000, 2]
+    readings = records(READING, 2, len(steps), 2)
+    for j, step in enumerate(steps):
+        for i, drawn in enumerate((kept, new_instrument_noise(2))):
+            for follower in range(2):
+                reading = numbers_of(readings)[i, j, follower]
+                read_instruments(sensors, step, follower, state, np.zeros(3), drawn, reading)
+    np.testing.assert_array_equal(readings[0], readings[1])
+    assert len({row.tobytes() for row in numbers_of(readings)[0].reshape(-1, 6)}) == 2 * len(steps)
+    other_run = sensors._replace(run=np.uint64(8))
+    reading = numbers_of(records(READING, 1))[0]
+    read_instruments(other_run, 3, 1, state, np.zeros(3), new_instrument_noise(2), reading)
+    assert reading.tobytes() != numbers_of(readings)[0, 7, 1].tobytes()
 
 
 @pytest.mark.system
@@ -131,6 +155,7 @@ def test_one_follower_has_errors_of_its_own() -> None:
                 follower,
                 (pose, twist, np.zeros(3)),
                 np.zeros(3),
+                new_instrument_noise(2),
                 numbers_of(readings)[i, follower],
             )
     np.testing.assert_array_equal(readings[0, 0], readings[1, 0])
@@ -330,6 +355,7 @@ def test_log_compass_and_depth_sensor_err_by_equations_26_and_27() -> None:
         1,
         (np.r_[3.0, 4.0, -10.0, quaternion], twist, water),
         np.array([0.5, 0.0, 0.0]),
+        new_instrument_noise(2),
         numbers_of(readings)[0],
     )
     motion, depth = (
@@ -348,6 +374,7 @@ def test_log_compass_and_depth_sensor_err_by_equations_26_and_27() -> None:
         1,
         (np.r_[3.0, 4.0, -10.0, quaternion], twist, water),
         np.zeros(3),
+        new_instrument_noise(2),
         numbers_of(readings)[0],
     )
     tilt, gyro = (
