@@ -100,6 +100,25 @@ def numbers_of(array: Records) -> Floats:
     return np.asarray(array).view(np.float64).reshape(*array.shape, len(array.dtype.names))
 
 
+def have_same_bits(first: object, second: object) -> bool:
+    """Whether two values, arrays of numbers or tuples of such are of the same type, shape and
+    bits.
+    """
+    if first is second:
+        return True
+    if type(first) is not type(second):
+        return False
+    if isinstance(first, tuple) and isinstance(second, tuple):
+        return len(first) == len(second) and all(map(have_same_bits, first, second))
+    left = np.asarray(first)
+    right = np.asarray(second)
+    if left.dtype != right.dtype or left.shape != right.shape:
+        return False
+    # as bytes, since a NaN does not equal itself, and a zero equals that of the other sign
+    left_bytes = np.ascontiguousarray(left).view(np.uint8)
+    return np.array_equal(left_bytes, np.ascontiguousarray(right).view(np.uint8))
+
+
 Two = tuple[float, float]
 Four = tuple[float, float, float, float]
 Offset = tuple[float, float, float]

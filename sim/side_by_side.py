@@ -9,13 +9,13 @@ followers are varied, is flown in the first group and then known.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from laisn.arrays import Bools, Floats, Ints, Records, numbers_of
+from laisn.arrays import Bools, Floats, Ints, Records, have_same_bits, numbers_of
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from laisn.held import borrowed_values
@@ -199,19 +199,11 @@ def _fly(
     return OK, -1
 
 
-def _numbers_of(value: object) -> Iterator[bytes]:
-    """All numbers of arrays, and of tuples of such, in order."""
-    if isinstance(value, tuple):
-        for part in value:
-            yield from _numbers_of(part)
-    else:
-        yield np.asarray(value).tobytes()
-
-
 class _VehicleInputs(NamedTuple):
     """All that the motion of a vehicle in lanes follows from."""
 
-    numbers: bytes  # of hull, effectors, autopilot, sea and start
+    sea: tuple[object, ...]
+    own: tuple[object, ...]  # of hull, effectors, autopilot and start
     table: Records  # as of `RouteControl.reference`, of which it follows a column
     vehicle: int  # number of the column
 
@@ -221,7 +213,7 @@ class _VehicleInputs(NamedTuple):
         handles = mission.plant.handles_alone
         sea = handles.environment
         routes = mission.routes
-        of_vehicle = (
+        of_all = (
             handles.pose,
             handles.twist,
             handles.response,
@@ -232,21 +224,21 @@ class _VehicleInputs(NamedTuple):
             routes.guidance,
             routes.autopilot_memories,
         )
-        of_all = handles.clock, sea.current, sea.waves, sea.density_model
-        numbers = _numbers_of((of_all, tuple(array[vehicle] for array in of_vehicle)))
-        return cls(b"".join(numbers), routes.reference, vehicle)
+        # copies of what changes under way
+        own = (handles.clock.copy(), *(np.array(array[vehicle]) for array in of_all))
+        return cls((sea.current, sea.waves, sea.density_model), own, routes.reference, vehicle)
 
-    def _reference_bits(self) -> Ints:
-        return numbers_of(_columns(self.table, np.array([self.vehicle]))).view(np.int64)
+    def _reference(self) -> Records:
+        return _columns(self.table, np.array([self.vehicle]))
 
     def equals(self, other: Self) -> bool:
         """Whether the same motion follows from both, to the bit."""
-        if self.numbers != other.numbers:
+        if not have_same_bits((self.own, self.sea), (other.own, other.sea)):
             return False
         # missions along the same routes share their tables
         if self.table is other.table and self.vehicle == other.vehicle:
             return True
-        return np.array_equal(self._reference_bits(), other._reference_bits())
+        return have_same_bits(self._reference(), other._reference())
 
 
 class _KnownMotion(NamedTuple):

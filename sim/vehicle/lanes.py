@@ -14,64 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, Records
-from laisn.compiled import compiled, compiled_apart, copy_values, method_by_type
+from laisn.compiled import compiled, compiled_apart, copy_values
 from laisn.simd import LANES, in_lanes, lanes_of, whole_numbers
 from sim.vehicle.effector_kinds import BUILT_IN
 from sim.vehicle.effectors import Fitted, Kinds
 from sim.vehicle.solvers import DirectSolver, Room
 from sim.vehicle.stepping import OK, Fault, StepHandles, advance
-from sim.water.currents import ShearedCurrent
-from sim.water.densities import UniformDensity
-from sim.water.environment import Environment
-from sim.water.waves import CalmSurface, LaneWaves, WaveTrain
+from sim.water.lanes import SeaMemory, sea_memory_of, sea_of_lanes, sea_suits_lanes
 
 MAX_ALONE = 2
 """So many vehicles or missions, or fewer, move faster one after the other than in lanes."""
-
-method_by_type("surface_of_lanes")
-
-
-class CalmMemory(NamedTuple):
-    """A surface without waves in all lanes."""
-
-    highest: float = 0.0
-
-    @compiled
-    def surface_of_lanes(self) -> CalmSurface:
-        """The surface over all vehicles."""
-        return CalmSurface(self.highest)
-
-
-class WaveMemory(NamedTuple):
-    """Waves over each lane, the lanes along the last axis."""
-
-    components: Floats  # as of `WaveTrain`, shape (11, n, LANES)
-    floor_depth: Floats  # [m], shape (1, LANES), as the next
-    highest: Floats  # [m]
-    room: Floats  # for orbits, shape (4, n, LANES)
-
-    @compiled
-    def surface_of_lanes(self) -> LaneWaves:
-        """The surface over all vehicles."""
-        return LaneWaves(
-            lanes_of(self.components),
-            lanes_of(self.floor_depth)[0],
-            lanes_of(self.highest)[0],
-            lanes_of(self.room),
-        )
-
-
-def _waves_in_lanes(trains: Sequence[WaveTrain]) -> CalmMemory | WaveMemory:
-    components = in_lanes([train.components for train in trains])
-    n = components.shape[1]
-    if n == 0:
-        return CalmMemory()
-    return WaveMemory(
-        components=components,
-        floor_depth=in_lanes([np.array([train.floor_depth]) for train in trains]),
-        highest=in_lanes([np.array([train.highest]) for train in trains]),
-        room=np.empty((4, n, LANES)),
-    )
 
 
 class LaneMotion(NamedTuple):
@@ -93,24 +45,17 @@ class LaneMotion(NamedTuple):
     bodies: Records
     lower: Floats  # of the solver's `Room`, shapes (6, 6, LANES) and (6, LANES)
     load: Floats
-    surface: Floats  # current at the surface, and its change with z, shape (2, LANES)
-    shear: Floats
-    change: Floats  # of the current, the same in all lanes
-    waves: CalmMemory | WaveMemory
+    sea: SeaMemory
     clock: Floats  # as of `StepHandles`, as the next
     warnings: Ints
 
 
 def lane_motion_of(lanes: Sequence[StepHandles]) -> LaneMotion:
-    """Up to eight lanes, each of r vehicles that `DirectSolver` moves where currents and densities
-    are as of `suits_lanes`; ValueError if they differ in more than numbers.
+    """Up to eight lanes, each of r vehicles that are as of `suits_lanes`; ValueError if they differ
+    in more than numbers.
     """
     first = lanes[0]
     r, m = first.response.shape
-    seas = [each.environment for each in lanes]
-    change = first.environment.current.change
-    if any(not np.array_equal(sea.current.change, change) for sea in seas):
-        raise ValueError("currents change otherwise")
     if len({float(each.clock[1]) for each in lanes}) > 1:
         raise ValueError("steps differ")
 
@@ -132,26 +77,20 @@ def lane_motion_of(lanes: Sequence[StepHandles]) -> LaneMotion:
         bodies=in_lanes([each.solver.bodies for each in lanes]),
         lower=numbers(6, 6),
         load=np.zeros((6, LANES)),
-        surface=in_lanes([np.array(sea.current.surface) for sea in seas]),
-        shear=in_lanes([np.array(sea.current.shear) for sea in seas]),
-        change=change,
-        waves=_waves_in_lanes([sea.waves for sea in seas]),
+        sea=sea_memory_of([each.environment for each in lanes]),
         clock=np.array([0.0, first.clock[1]]),
         warnings=np.zeros(0, dtype=np.int64),
     )
 
 
 def suits_lanes(handles: StepHandles) -> bool:
-    """Whether vehicles may move in lanes: by their own equations, with effectors of this project's
-    kinds (those of the user are written for numbers), in water of one density and a current that
-    varies with depth and time alone.
+    """Whether vehicles may move in lanes: by their own equations, in a sea and with effectors of
+    this project's kinds (those of the user are written for numbers).
     """
-    sea = handles.environment
     return (
         isinstance(handles.solver, DirectSolver)
         and handles.fitted.kinds == BUILT_IN
-        and isinstance(sea.current, ShearedCurrent)
-        and isinstance(sea.density_model, UniformDensity)
+        and sea_suits_lanes(handles.environment)
     )
 
 
@@ -161,8 +100,6 @@ def handles_of_lanes(memory: LaneMotion, kinds: Kinds) -> StepHandles:
     pose = lanes_of(memory.pose)
     twist = lanes_of(memory.twist)
     acceleration = lanes_of(memory.acceleration)
-    surface = lanes_of(memory.surface)
-    shear = lanes_of(memory.shear)
     solver = DirectSolver(
         lanes_of(memory.bodies),
         pose,
@@ -171,10 +108,6 @@ def handles_of_lanes(memory: LaneMotion, kinds: Kinds) -> StepHandles:
         lanes_of(memory.solved),
         Room(lanes_of(memory.lower), lanes_of(memory.load)),
         memory.clock[1],
-    )
-    current = ShearedCurrent((surface[0], surface[1]), (shear[0], shear[1]), memory.change)
-    environment = Environment(
-        current, memory.waves.surface_of_lanes(), 0.0, 0.0, UniformDensity(0.0)
     )
     fitted = Fitted(kinds, lanes_of(memory.effectors), lanes_of(memory.states))
     return StepHandles(
@@ -187,7 +120,7 @@ def handles_of_lanes(memory: LaneMotion, kinds: Kinds) -> StepHandles:
         lanes_of(memory.last_twist),
         memory.warnings,
         lanes_of(memory.coefficients),
-        environment,
+        sea_of_lanes(memory.sea),
         solver,
         fitted,
     )

@@ -16,6 +16,7 @@ from sim.scenario.sea_files import SeaFile
 from sim.scenario.section import in_si
 from sim.scenario.settings import OceanTable, Vehicle
 from sim.scenario.vehicle_routes import depth_profile_of, route_of
+from sim.system import file_digest
 from sim.water.casts import Cast, read_cast, read_density
 from sim.water.custom import CustomCaller
 from sim.water.densities import DensityProfile, UniformDensity
@@ -33,8 +34,8 @@ from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
 from sim.water.rays import SoundProfile, StraightRays
 from sim.water.refraction import Extent, RefractedRays, refracted_rays
-from sim.water.region import region_of
-from sim.water.waves import Waves
+from sim.water.region import Region, region_of
+from sim.water.waves import FLOOR_DEPTH_M, Waves, WaveTrain
 
 _INSTANTS = 200  # instants at which the plan of a mission is looked at
 # tables of rays reach beyond what is planned by this factor and, besides, by so much [m]
@@ -164,16 +165,23 @@ def trim_density(ocean: OceanTable, vehicle: Vehicle) -> float:
 
 def floor_field(sea: SeaSettings) -> FloorField | None:
     """The floor that is read from a file; None: none. FieldError if it has none."""
-    table = sea.ocean.floor
-    if table is None:
+    if sea.ocean.floor is None:
         return None
-    return read_floor(_source("floor", table), _origin(sea.ocean), region_of(sea.plan))
+    return _floor_field_in(sea.ocean, region_of(sea.plan))
+
+
+def _floor_field_in(ocean: OceanTable, region: Region) -> FloorField | None:
+    table = ocean.floor
+    return None if table is None else read_floor(_source("floor", table), _origin(ocean), region)
 
 
 def floor_of(sea: SeaSettings) -> LevelFloor | GriddedFloor:
     """The floor of a sea."""
-    field = floor_field(sea)
-    return LevelFloor(float(sea.ocean.floor_depth_m)) if field is None else field.floor
+    return _level_unless_read(sea.ocean, floor_field(sea))
+
+
+def _level_unless_read(ocean: OceanTable, field: FloorField | None) -> LevelFloor | GriddedFloor:
+    return LevelFloor(float(ocean.floor_depth_m)) if field is None else field.floor
 
 
 def _origin(ocean: OceanTable) -> FieldOrigin:
@@ -190,10 +198,16 @@ def current_field(sea: SeaSettings) -> CurrentField | None:
     """The current that is read from a file; None: none. FieldError if the file has none, or is not
     that with which the scenario was saved.
     """
-    current = sea.ocean.current
-    if current is None or current.file is None:
+    if sea.ocean.current is None or sea.ocean.current.file is None:
         return None
-    return read_current(_source("current", current), _origin(sea.ocean), region_of(sea.plan))
+    return _current_field_in(sea.ocean, region_of(sea.plan))
+
+
+def _current_field_in(ocean: OceanTable, region: Region) -> CurrentField | None:
+    table = ocean.current
+    if table is None or table.file is None:
+        return None
+    return read_current(_source("current", table), _origin(ocean), region)
 
 
 def _custom_current(ocean: OceanTable) -> CustomCaller | None:
@@ -214,18 +228,22 @@ def _custom_current(ocean: OceanTable) -> CustomCaller | None:
     return caller
 
 
+_NO_WAVES = WaveTrain.on(Waves.none(), (0.0, 0.0), FLOOR_DEPTH_M)
+
+
 def current_at(
     sea: SeaSettings, east: Floats, north: Floats, depth: Floats | float, time: Floats
 ) -> Floats:
     """Current without waves at n places [m] and times [s], east and north, shape (n, 2), [m/s]."""
     if sea.ocean.current is None:
         return current_of_keys(sea.ocean, east, north, depth, time)
-    calm = replace(ocean_of(sea), waves=Waves.none())
+    ocean = ocean_of(sea)
+    calm = ocean.environment._replace(waves=_NO_WAVES)
     height = np.broadcast_to(-np.asarray(depth, dtype=np.float64), np.shape(time))
     positions = np.ascontiguousarray(np.column_stack([east, north, height]))
     velocity = np.empty(positions.shape)
-    velocities_at(calm.environment, positions, np.asarray(time, dtype=np.float64), velocity)
-    calm.raise_custom_error()
+    velocities_at(calm, positions, np.asarray(time, dtype=np.float64), velocity)
+    ocean.raise_custom_error()
     return velocity[:, :2]
 
 
@@ -243,17 +261,31 @@ def ocean_of(sea: SeaSettings) -> Ocean:
     water = sea.ocean
     if water.current is None and water.floor is None and water.density is None:
         return _sea_of_keys_alone(water, _seed_of_waves(water, sea.seed))
-    field = current_field(sea)
-    density = density_of(sea.ocean)
-    table = sea.ocean.density
+    region = region_of(sea.plan)
+    if water.current is not None and water.current.model is not None:
+        return replace(_sea_in_region(water, sea.seed, region), custom=_custom_current(water))
+    return _kept_sea_in_region(water, _seed_of_waves(water, sea.seed), region, _digests(water))
+
+
+def _sea_in_region(water: OceanTable, seed: int, region: Region) -> Ocean:
+    """A sea with what is read from files of it, but without a current of the user's own."""
+    field = _current_field_in(water, region)
+    density = density_of(water)
+    table = water.density
     return replace(
-        sea_of_keys(sea.ocean, sea.seed),
+        sea_of_keys(water, seed),
         density=density if isinstance(density, DensityProfile) else None,
         trim_depth_m=None if table is None else table.trim_depth_m,
         current=None if field is None else field.current,
-        custom=_custom_current(sea.ocean),
-        floor=floor_of(sea),
+        floor=_level_unless_read(water, _floor_field_in(water, region)),
     )
+
+
+def _digests(water: OceanTable) -> tuple[str | None, ...]:
+    """Those of the content of the files of a sea."""
+    tables = (water.current, water.floor, water.density)
+    files = (table.file for table in tables if table is not None and table.file is not None)
+    return tuple(file_digest(Path(file)) for file in files)
 
 
 def _seed_of_waves(water: OceanTable, seed: int) -> int:
@@ -263,6 +295,14 @@ def _seed_of_waves(water: OceanTable, seed: int) -> int:
 
 # missions of a study differ more often in their vehicles than in their sea
 _MOST_SEAS = 8
+
+
+@lru_cache(maxsize=_MOST_SEAS)
+def _kept_sea_in_region(
+    water: OceanTable, seed: int, region: Region, _digests: tuple[str | None, ...]
+) -> Ocean:
+    """`_sea_in_region`; a file that was changed is read again."""
+    return _sea_in_region(water, seed, region)
 
 
 @lru_cache(maxsize=_MOST_SEAS)

@@ -1,5 +1,6 @@
 """The part of the plane, and the time, that a mission may need of a field."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,13 @@ class Region(NamedTuple):
         return bool(self.within(positions).all())
 
 
+@lru_cache(maxsize=32)
+def _library_waypoints(name: str) -> tuple[Floats, Floats]:
+    """Times [s] and places of a route of the library, read-only."""
+    route = library_route(name)
+    return route.time, route.waypoint
+
+
 def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
     """Places of a route until a time [s], shape (n, 2), [m]; after the last waypoint it goes
     straight on.
@@ -42,9 +50,7 @@ def _waypoints(vehicle: Vehicle, duration: float) -> Floats:
         time = points[:, 0]
         positions = points[:, 1:]
     elif vehicle.route is not None:
-        route = library_route(vehicle.route)
-        time = route.time
-        positions = route.waypoint
+        time, positions = _library_waypoints(vehicle.route)
     else:
         return np.zeros((0, 2))
     path = positions[: int(np.searchsorted(time, duration)) + 1]

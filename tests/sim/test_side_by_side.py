@@ -1,6 +1,7 @@
 """Missions that are simulated side by side: each moves as it does alone, to the bit."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from laisn.arrays import Ints
 from sim import side_by_side
 from sim.scenario.parts import MotionSettings
 from sim.side_by_side import groups_for_lanes, simulate_side_by_side
-from sim.simulation import Mission, simulate_open_loop
+from sim.simulation import Mission, mission_for_lanes, simulate_open_loop
 from sim.trajectory import Trajectory
+from tests.sim.water.field_data import metres_field, scenario_file
+from tests.sim.water.test_casts import table
 
 RECORDED = ("pose", "twist", "effector_states", "water_velocity")
 
@@ -88,6 +91,53 @@ def test_missions_in_waves_move_as_each_does_alone(kind: str) -> None:
     assert len({trajectory.water_velocity[-1].tobytes() for trajectory in alone}) == 4
     for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
         require_equal(actual, expected)
+
+
+def in_a_field(folder: Path) -> Callable[..., MotionSettings]:
+    """Makes missions of numbers, and perhaps with further settings, in the sway of a gyre, in water
+    whose density grows with depth; they differ in their hulls.
+    """
+    metres_field(folder / "gyre.nc", 100.0, 20.0)
+    table(folder / "cast.csv", "depth,density", [0.0, 10.0, 30.0], [1004.0, 1005.0, 1011.0])
+    toml = scenario_file(
+        folder / "gyre.nc", origin='[ocean.density]\nfile = "cast.csv"\ntrim_depth_m = 12\n'
+    )
+
+    def mission(i: int, *further: str) -> MotionSettings:
+        settings = (
+            "timing.engine=direct",
+            f"leader.drag_scale={1 + 0.1 * i}",
+            "leader.waypoints=[[0, 400, 300], [20, 412, 316]]",
+            f"followers.0.depth_m={9 + i}",
+        )
+        return MotionSettings.of(load_scenario(str(toml), (*settings, *further)))
+
+    return mission
+
+
+@pytest.mark.system
+def test_missions_in_a_field_move_as_each_does_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mission = in_a_field(tmp_path)
+    motions = [mission(i) for i in range(3)]
+    alone = [simulate_open_loop(motion) for motion in motions]
+    # the leader is far from the middle of the gyre
+    assert np.abs(np.diff(alone[0].water_velocity, axis=1)).max() > 0.05
+    # none is flown alone
+    monkeypatch.delattr(side_by_side, "simulate_open_loop")
+    for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
+        require_equal(actual, expected)
+
+
+@pytest.mark.system
+def test_missions_in_different_parts_of_a_field_move_alone(tmp_path: Path) -> None:
+    mission = in_a_field(tmp_path)
+    far = [f"leader.waypoints=[[0, {200 * i}, 0], [20, {200 * i}, 20]]" for i in range(3)]
+    motions = [mission(i, waypoints) for i, waypoints in enumerate(far)]
+    assert groups_for_lanes(motions) == [[0, 1, 2]]
+    assert not side_by_side.fly_group([mission_for_lanes(motion) for motion in motions])
+    require_each_as_alone(motions)
 
 
 @pytest.mark.system

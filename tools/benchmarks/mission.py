@@ -6,6 +6,7 @@ import resource
 import tempfile
 import time
 from functools import partial
+from importlib import resources
 from pathlib import Path
 
 import mujoco
@@ -138,11 +139,22 @@ def physics() -> list[Row]:
 
 def engines() -> list[Row]:
     """A physics step of one vehicle of T5 by each solver, and of missions side by side, with
-    autopilot and recording, in calm water and in waves; and of eleven vehicles of one mission.
+    autopilot and recording, in calm water, in a current from a file and in waves; and of eleven
+    vehicles of one mission.
     """
     calm = _scenario(1, _ENGINES_S)
     rough = load_scenario("T5", (f"duration_s={_ENGINES_S}", "ocean.waves.kind=jonswap"))
-    return [*_solvers(calm, "a vehicle"), *_solvers(rough, "a vehicle in JONSWAP"), *_fleet()]
+    field = load_scenario("T5", (f"duration_s={_ENGINES_S}", f'ocean.current.file="{FRONT}"'))
+    return [
+        *_solvers(calm, "a vehicle"),
+        *_solvers(field, "a vehicle in a field"),
+        *_solvers(rough, "a vehicle in JONSWAP"),
+        *_fleet(),
+    ]
+
+
+FRONT = resources.files("experiments") / "studies" / "front" / "front.nc"
+"""A current from a file."""
 
 
 def _direct(scenario: Scenario) -> Scenario:
@@ -151,15 +163,23 @@ def _direct(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update={"timing": timing})
 
 
+def _varied(scenario: Scenario, i: int) -> Scenario:
+    """A scenario whose vehicles differ from those of another number: equal ones are flown once."""
+    scale = 1.0 + 0.01 * i
+    vehicles = [scenario.leader, *scenario.followers]
+    leader, *followers = (each.model_copy(update={"drag_scale": scale}) for each in vehicles)
+    return scenario.model_copy(update={"leader": leader, "followers": tuple(followers)})
+
+
 def _solvers(scenario: Scenario, name: str) -> list[Row]:
     """A physics step of one of two vehicles, by each solver and side by side."""
     steps = round(_ENGINES_S / scenario.timing.physics_step_s) * 2
     by_direct = _direct(scenario)
-    motion = MotionSettings.of(by_direct)
     rounds = range(_REPEATS + 1)
     of_mujoco = [new_mission(scenario) for _ in rounds]
     of_direct = [new_mission(by_direct) for _ in rounds]
-    groups = [[mission_for_lanes(motion) for _ in range(LANES)] for _ in rounds]
+    motions = [MotionSettings.of(_varied(by_direct, i)) for i in range(LANES)]
+    groups = [[mission_for_lanes(motion) for motion in motions] for _ in rounds]
     mujoco, direct, lanes = least_times(
         [
             lambda: of_mujoco.pop().fly(),

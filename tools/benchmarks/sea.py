@@ -4,7 +4,6 @@ that bend beside straight ones.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import resources
 
 from experiments.flight.library import load_scenario
 from sim.assembly import routes_of, setups_of
@@ -15,6 +14,7 @@ from sim.simulation import simulate
 from sim.vehicle.plant import Plant
 from sim.water.assembly import ocean_of
 from tools.benchmarks.formation import swarm
+from tools.benchmarks.mission import FRONT
 from tools.benchmarks.row import Goal, Row, least_times
 
 FIELD_GOAL = 1.2
@@ -23,7 +23,6 @@ REFRACTION_GOAL = 1.02
 """How many times as long a closed loop of ten may take with bent rays as with straight ones."""
 DURATION_S = 400.0
 _REPEATS = 6
-_FRONT = resources.files("experiments") / "studies" / "front" / "front.nc"
 # depth [m] and speed of sound [m/s]: a thermocline of 20 m/s about the followers
 _PROFILE = [[0.0, 1480.0], [10.0, 1480.0], [20.0, 1460.0], [40.0, 1460.0]]
 
@@ -68,7 +67,7 @@ def sea() -> list[Row]:
     """
     currents = [
         load_scenario("T5", (f"duration_s={DURATION_S}", setting))
-        for setting in ("ocean.current_speed_m_s=0.4", f'ocean.current.file="{_FRONT}"')
+        for setting in ("ocean.current_speed_m_s=0.4", f'ocean.current.file="{FRONT}"')
     ]
     profile = f"acoustics.sound_speed_profile={_PROFILE}"
     rays = [

@@ -1,5 +1,7 @@
 """Vehicles of one plant side by side: each moves as it does alone, to the bit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,8 @@ from sim.vehicle.lanes import FleetHandles
 from sim.vehicle.mjcf import VehicleSetup
 from sim.vehicle.plant import Plant, PlantError
 from sim.vehicle.solvers import Engine
+from sim.water.densities import DensityProfile
+from sim.water.grids import CurrentGrid, GriddedCurrent
 from sim.water.ocean import Ocean
 from sim.water.waves import Waves
 
@@ -23,6 +27,25 @@ hulls with propeller and fins, too few for lanes.
 def rough_sea() -> Ocean:
     waves = Waves.jonswap(np.random.default_rng(1), significant_height_m=0.5, peak_period_s=4.0)
     return Ocean(current_speed_m_s=0.2, current_direction_rad=2.0, waves=waves)
+
+
+def stratified_field() -> Ocean:
+    """A current on a grid that changes in space and time, with an upward part, in water whose
+    density grows with depth, under waves. Some of the hulls are beyond the grid.
+    """
+    rng = np.random.default_rng(2)
+    axes = (
+        np.array([0.0, 5.0, 12.0]),
+        np.array([0.0, 6.0, 15.0]),
+        np.linspace(-20.0, 40.0, 7),
+        np.linspace(-20.0, 160.0, 10),
+    )
+    velocity = 0.3 * rng.standard_normal((*(axis.size for axis in axes), 3))
+    return replace(
+        rough_sea(),
+        current=GriddedCurrent(CurrentGrid(*axes, velocity)),
+        density=DensityProfile.through([[0.0, 1004.0], [10.0, 1005.0], [30.0, 1011.0]]),
+    )
 
 
 def fleet(models: tuple[str, ...] = MIXED, ocean: Ocean = CALM, engine: Engine = "direct") -> Plant:
@@ -87,7 +110,9 @@ def test_few_vehicles_and_those_of_mujoco_move_alone() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("ocean", [CALM, rough_sea()], ids=["calm", "waves"])
+@pytest.mark.parametrize(
+    "ocean", [CALM, rough_sea(), stratified_field()], ids=["calm", "waves", "field and profile"]
+)
 def test_vehicles_of_one_plant_move_as_each_does_alone(
     ocean: Ocean, monkeypatch: pytest.MonkeyPatch
 ) -> None:
