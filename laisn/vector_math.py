@@ -15,6 +15,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
+from laisn.arrays import Floats
 from laisn.compiled import inlined, select
 from laisn.simd import BitsType, LaneType, bitcast_of_lanes, bits, fma_of_lanes, lane
 
@@ -35,6 +36,7 @@ _INTEGER = _U(0x4330000000000000)  # bits of 2⁵²: or-ing an integer below 2�
 _TWO_52 = 4503599627370496.0
 _ROUNDING = 1.5 * _TWO_52  # adding it leaves the nearest integer in the low bits
 _BIAS = _U(1023)
+_ALL_BITS = _U(0xFFFFFFFFFFFFFFFF)
 MIN_EXPONENT = -700.0
 """An exponent whose `exp` is a normal number, for bounds of what decays."""
 _LN2 = math.log(2.0)
@@ -62,6 +64,25 @@ _FIT = np.polynomial.Chebyshev.interpolate(
 _A0, _A1, _A2, _A3, _A4, _A5, _A6, _A7, _A8, _A9, _A10 = _FIT.convert(
     kind=np.polynomial.Polynomial
 ).coef.tolist()
+
+
+def _fit_to_half(function: Callable[[Floats], Floats], degree: int) -> list[float]:
+    """Coefficients of a polynomial in t² for |t| ≤ ½, by Chebyshev interpolation of a function of
+    t, positive.
+    """
+    fit = np.polynomial.Chebyshev.interpolate(
+        lambda q: function(np.sqrt(q)), degree, domain=[0.0, 0.25]
+    )
+    coefficients: list[float] = fit.convert(kind=np.polynomial.Polynomial).coef.tolist()
+    return coefficients
+
+
+# sin(π/2 t)/t and (cos(π/2 t) − 1)/t²
+_T0, _T1, _T2, _T3, _T4, _T5, _T6 = _fit_to_half(lambda t: np.sin(_HALF_PI * t) / t, 6)
+_U0, _U1, _U2, _U3, _U4, _U5 = _fit_to_half(lambda t: -2.0 * (np.sin(_QUARTER_PI * t) / t) ** 2, 5)
+# sinh(t ln 2)/t and (cosh(t ln 2) − 1)/t²
+_G0, _G1, _G2, _G3, _G4 = _fit_to_half(lambda t: np.sinh(_LN2 * t) / t, 4)
+_H0, _H1, _H2, _H3, _H4 = _fit_to_half(lambda t: 2.0 * (np.sinh(0.5 * _LN2 * t) / t) ** 2, 4)
 
 
 def _emit_fma(_: object, a: types.Type, b: types.Type, c: types.Type) -> Any:
@@ -169,6 +190,38 @@ def sin_cos(angle: float) -> tuple[float, float]:
     k = count - _ROUNDING
     s, c = sin_cos_quarter(fma(-k, _HALF_PI_LOW, fma(-k, _HALF_PI, angle)))
     return turned(s, c, to_bits(count))
+
+
+@inlined
+def sin_cos_of_right_angles(x: float) -> tuple[float, float]:
+    """Sine and cosine of x right angles, at most some thousand: to reduce such an angle takes no
+    multiplication.
+    """
+    count = x + _ROUNDING
+    r = x - (count - _ROUNDING)
+    q = r * r
+    s = fma(fma(fma(fma(fma(fma(_T6, q, _T5), q, _T4), q, _T3), q, _T2), q, _T1), q, _T0)
+    c = fma(fma(fma(fma(fma(_U5, q, _U4), q, _U3), q, _U2), q, _U1), q, _U0)
+    return turned(s * r, fma(c, q, 1.0), to_bits(count))
+
+
+@inlined
+def powers_of_two(x: float) -> tuple[float, float]:
+    """2ˣ and 2⁻ˣ, |x| at most 1020, for less than two exponentials."""
+    # 2ˣ = 2ⁿ (cosh(r ln 2) + sinh(r ln 2)) with |r| ≤ ½
+    count = x + _ROUNDING
+    r = x - (count - _ROUNDING)
+    q = r * r
+    even = fma(fma(fma(fma(fma(_H4, q, _H3), q, _H2), q, _H1), q, _H0), q, 1.0)
+    odd = fma(fma(fma(fma(_G4, q, _G3), q, _G2), q, _G1), q, _G0)
+    # what adds n to the exponent of a number; all bits of n turned over are −n − 1
+    n = to_bits(count)
+    up = n << _EXPONENT_SHIFT
+    down = ((n ^ _ALL_BITS) + _ONE_BIT) << _EXPONENT_SHIFT
+    return (
+        from_bits(to_bits(fma(odd, r, even)) + up),
+        from_bits(to_bits(fma(odd, -r, even)) + down),
+    )
 
 
 @inlined

@@ -340,8 +340,16 @@ def _shape_of(motion: MotionSettings) -> str:
     sea = motion.sea.ocean.model_dump(mode="json", exclude=free_keys)
     waves = motion.sea.ocean.waves
     components = {"none": 0, "regular": 1, "jonswap": waves.components}[waves.kind]
+    one_way = components < 2 or waves.spreading_deg == 0.0
     return repr(
-        (motion.plan.duration_s, motion.physics_step_s, motion.plan.models, sea, components)
+        (
+            motion.plan.duration_s,
+            motion.physics_step_s,
+            motion.plan.models,
+            sea,
+            components,
+            one_way,
+        )
     )
 
 

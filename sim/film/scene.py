@@ -25,7 +25,7 @@ from sim.water.assembly import floor_of, sea_of_keys
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.ocean import Ocean
-from sim.water.waves import AMPLITUDE, FIXED_OMEGA, KX, KY, PHASE
+from sim.water.waves import AMPLITUDE, CARRIER_EAST, CARRIER_NORTH, KX, KY, OMEGA, PHASE
 
 Box = tuple[int, int, int, int]  # left, top, width, height [px]
 
@@ -168,9 +168,7 @@ class Sea:
         # west, east and south edge of the floor's grid in the graphics context
         self._shown: tuple[float, ...] = ()
         self._ocean = ocean
-        # a row for each wave, with columns as of `sim.water.waves`
-        self._waves = ocean.environment.waves.components[: PHASE + 1].T
-        self._wavenumber = np.hypot(self._waves[:, KX], self._waves[:, KY])  # [rad/m]
+        self._wavenumber = np.hypot(*ocean.waves.wavenumber_1_m.T)  # [rad/m]
 
     def grid(self, centre: Floats, reach: float) -> tuple[Floats, Floats]:
         """East and north of the height field's points, at least `reach` about `centre`, shape
@@ -190,10 +188,14 @@ class Sea:
         """
         spacing = float(x[1] - x[0])
         is_resolved = self._wavenumber * spacing < 2.0
-        east, north = self._ocean.environment.current.at_time(time).drift.displacement
-        columns = [AMPLITUDE, KX, KY, FIXED_OMEGA, PHASE]
-        amplitude, kx, ky, omega, phase = self._waves[is_resolved][:, columns].T
-        along_x = amplitude * np.exp(1j * (np.outer(x - east, kx) + phase - omega * time))
+        environment = self._ocean.environment
+        east, north = environment.current.at_time(time).drift.displacement
+        waves = environment.waves.components[:, is_resolved]
+        kx, ky = waves[[KX, KY]]
+        # at a fixed place [rad/s]
+        omega = waves[OMEGA] + kx * waves[CARRIER_EAST] + ky * waves[CARRIER_NORTH]
+        phase = 0.5 * np.pi * waves[PHASE] - omega * time
+        along_x = waves[AMPLITUDE] * np.exp(1j * (np.outer(x - east, kx) + phase))
         return np.asarray((np.exp(1j * np.outer(y - north, ky)) @ along_x.T).real)
 
     def show(

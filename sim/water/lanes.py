@@ -121,9 +121,10 @@ class CalmMemory(NamedTuple):
 class WaveMemory(NamedTuple):
     """Waves over each lane, the lanes along the last axis."""
 
-    components: Floats  # as of `WaveTrain`, shape (11, n, LANES)
+    components: Floats  # as of `WaveTrain`, shape (12, n, LANES)
     floor_depth: Floats  # [m], shape (1, LANES), as the next
     highest: Floats  # [m]
+    one_way: bool  # the same for all
     room: Floats  # for orbits, shape (4, n, LANES)
 
     @compiled
@@ -133,6 +134,7 @@ class WaveMemory(NamedTuple):
             lanes_of(self.components),
             lanes_of(self.floor_depth)[0],
             lanes_of(self.highest)[0],
+            self.one_way,
             lanes_of(self.room),
         )
 
@@ -191,10 +193,14 @@ def _waves_in_lanes(trains: Sequence[WaveTrain]) -> CalmMemory | WaveMemory:
     n = components.shape[1]
     if n == 0:
         return CalmMemory()
+    one_way = trains[0].one_way
+    if any(train.one_way != one_way for train in trains):
+        raise ValueError("some waves run one way")
     return WaveMemory(
         components=components,
         floor_depth=in_lanes([np.array([train.floor_depth]) for train in trains]),
         highest=in_lanes([np.array([train.highest]) for train in trains]),
+        one_way=one_way,
         room=np.empty((4, n, LANES)),
     )
 

@@ -8,6 +8,7 @@ Faltinsen, Sea Loads on Ships and Offshore Structures, 1990 (Airy); DNV-RP-C205,
 (JONSWAP).
 """
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple, Self
@@ -16,17 +17,22 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, freeze_arrays
-from laisn.compiled import compiled, method_by_type, select
+from laisn.compiled import compiled, inlined, method_by_type, select
 from laisn.errors import LaisnError
 from laisn.simd import like
-from laisn.vector_math import MIN_EXPONENT, exp, sin_cos
-from sim.attitude import Matrix, Vector
+from laisn.vector_math import MIN_EXPONENT, fma, powers_of_two, sin_cos_of_right_angles
+from sim.attitude import Matrix, Vector, matvec, plus
 from sim.water.currents import CurrentFlow, Drift
+
+Four = tuple[float, float, float, float]
+Five = tuple[float, float, float, float, float]
 
 method_by_type("flow_over")
 method_by_type("velocity_over")
 method_by_type("elevation_at")
 method_by_type("room_for_orbits")
+method_by_type("one_way_orbits")
+method_by_type("orbit")
 
 # gravity, which pulls on the surface here as it pulls on bodies in models/ocean.xml [m/s²]
 GRAVITY = 9.81
@@ -157,22 +163,27 @@ def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: f
         )
 
 
-AMPLITUDE, KX, KY, OMEGA, FIXED_OMEGA, PHASE = range(6)
-"""Rows of the components: amplitude [m]; wave number east and north [1/m]; ω and ω at a fixed
-place [rad/s]; phase [rad].
+AMPLITUDE, KX, KY, K, OMEGA, PHASE, ORBITAL, MIRRORED, EAST, NORTH = range(10)
+"""Rows of the components: amplitude [m]; wave number east, north and as a whole [1/m]; ω [rad/s];
+phase [right angles].
+
+What follows from these and the depth h: the velocity scale a ω / (1 − exp(−2kh)) [m/s]; that of the
+wave's mirror image in the floor, exp(−2kh) times as large; where the wave runs to, a unit vector.
 """
-K, EAST, NORTH, ORBITAL, MIRROR = range(6, 11)
-"""What follows from these and the depth h: k [1/m]; where the wave runs to, a unit vector; the
-velocity scale a ω / (1 − exp(−2kh)) [m/s]; exp(−2kh), the share of the wave's mirror image in the
-floor."""
+CARRIER_EAST, CARRIER_NORTH = range(10, 12)
+"""Rows of what all have in common: the current that carries them, that at the surface [m/s]."""
+_RIGHT_ANGLES = 2.0 / math.pi  # in a radian
+_OCTAVES = 1.0 / math.log(2.0)  # in a factor e
+_SAME_DIRECTION = 1e-15  # sine of an angle between directions that rounding may leave
 
 
 class WaveTrain(NamedTuple):
     """Waves as compiled functions take them."""
 
-    components: Floats  # a column for each, shape (11, n), rows as named above
+    components: Floats  # a column for each, shape (12, n), rows as named above
     floor_depth: float  # that they feel [m]
     highest: float  # bound of the elevation [m]
+    one_way: bool  # whether all run the same way: a long-crested sea
 
     @classmethod
     def on(cls, waves: Waves, surface_current: Two, floor_depth_m: float) -> Self:
@@ -181,20 +192,29 @@ class WaveTrain(NamedTuple):
         omega = waves.omega_rad_s
         number = waves.wavenumber_1_m
         k = np.hypot(number[:, 0], number[:, 1])
+        direction = number / k[:, None]
         mirror_exponent = -2.0 * k * floor_depth_m
+        orbital = amplitude * omega / -np.expm1(mirror_exponent)
         rows = [
             amplitude,
             number,
-            omega,
-            omega + number @ np.array(surface_current),
-            waves.phase_rad,
             k,
-            number / k[:, None],
-            amplitude * omega / -np.expm1(mirror_exponent),
-            np.exp(mirror_exponent),
+            omega,
+            _RIGHT_ANGLES * waves.phase_rad,
+            orbital,
+            orbital * np.exp(mirror_exponent),
+            direction,
+            np.tile(np.array(surface_current), (k.size, 1)),
         ]
-        components = np.ascontiguousarray(np.column_stack(rows).T)
-        return cls(components, float(floor_depth_m), float(np.abs(amplitude).sum()))
+        first = direction[:1].T
+        along = direction @ first
+        across = direction @ (first[::-1] * [[1.0], [-1.0]])
+        return cls(
+            components=np.ascontiguousarray(np.column_stack(rows).T),
+            floor_depth=float(floor_depth_m),
+            highest=float(np.abs(amplitude).sum()),
+            one_way=bool(np.all((np.abs(across) <= _SAME_DIRECTION) & (along > 0.0))),
+        )
 
     @compiled
     def flow_over(
@@ -216,12 +236,18 @@ class WaveTrain(NamedTuple):
     @compiled
     def elevation_at(self, x: float, y: float, time: float, drift: Drift) -> float:
         """Height of the surface above z = 0 at one place [m], time [s]."""
-        return wave_elevation(self, x, y, time, drift)
+        return wave_elevation(self, x, y, time, drift) if self.components.shape[1] > 0 else 0.0
 
     @compiled
     def room_for_orbits(self) -> Floats:
         """Room for four numbers of each component, shape (4, n)."""
         return np.empty((4, self.components.shape[1]))
+
+    @compiled
+    def one_way_orbits(self, place: "Place") -> "StoredOrbits":
+        """Orbits of waves that all run one way."""
+        # a loop without sums is vectorised
+        return StoredOrbits(_orbits_along(self.components, place))
 
 
 class LaneWaves(NamedTuple):
@@ -232,6 +258,7 @@ class LaneWaves(NamedTuple):
     components: Floats
     floor_depth: float
     highest: float
+    one_way: bool
     room: Floats  # for orbits, shape (4, n)
 
     @compiled
@@ -255,6 +282,12 @@ class LaneWaves(NamedTuple):
     def room_for_orbits(self) -> Floats:
         """The same room for all."""
         return self.room
+
+    @compiled
+    def one_way_orbits(self, place: "Place") -> "OrbitsInTurn":
+        """As of `WaveTrain`."""
+        # lanes are vectors already, and the sums leave registers to compute orbits in between
+        return OrbitsInTurn(self.components, place)
 
 
 AnyWaves = WaveTrain | LaneWaves
@@ -302,39 +335,120 @@ def flow_without_waves(current: CurrentFlow) -> Flow:
     return Flow(current.velocity, current.rate, current.gradient, zero, zero)
 
 
+class Place(NamedTuple):
+    """Where and when there are waves, carried along with them, scaled so that wave numbers and
+    frequencies give right angles of phase, and powers of 2 for the decay with depth.
+    """
+
+    x: float
+    y: float
+    along: float  # the way that all waves run, if there is one
+    z: float
+    time: float
+
+
+@compiled
+def _place_of(waves: AnyWaves, x: float, y: float, z: float, time: float) -> Place:
+    """The place of coordinates, as of `add_waves`, and z not above 0 [m], at a time [s]."""
+    rows = waves.components
+    x = _RIGHT_ANGLES * (x - rows[CARRIER_EAST, 0] * time)
+    y = _RIGHT_ANGLES * (y - rows[CARRIER_NORTH, 0] * time)
+    along = rows[EAST, 0] * x + rows[NORTH, 0] * y
+    return Place(x, y, along, _OCTAVES * z, _RIGHT_ANGLES * time)
+
+
+# numbers, not arrays, are handed over in loops: to count references would keep these from being
+# vectorised
+
+
+@inlined
+def _phase(kx: float, ky: float, omega: float, start: float, place: Place) -> float:
+    """Phase of a component [right angles]; arguments are of its rows."""
+    return fma(kx, place.x, fma(ky, place.y, fma(-omega, place.time, start)))
+
+
+@inlined
+def _phase_along(k: float, omega: float, start: float, place: Place) -> float:
+    """The same where all waves run one way."""
+    return fma(k, place.along, fma(-omega, place.time, start))
+
+
+@inlined
+def _orbit(phase: float, k: float, orbital: float, mirrored: float, place: Place) -> Four:
+    """Horizontal velocity of a component, times cosine and times sine of its phase, and upward
+    velocity, likewise [m/s].
+    """
+    sin, cos = sin_cos_of_right_angles(phase)
+    # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
+    decay, growth = powers_of_two(max(k * place.z, _OCTAVES * MIN_EXPONENT))
+    wave = orbital * decay
+    image = mirrored * growth
+    horizontal = wave + image
+    upward = wave - image
+    return horizontal * cos, horizontal * sin, upward * cos, upward * sin
+
+
+@compiled
+def _orbits(waves: AnyWaves, place: Place) -> Floats:
+    """These of all components, shape (4, n)."""
+    rows = waves.components
+    out = waves.room_for_orbits()
+    for i in range(rows.shape[1]):
+        phase = _phase(rows[KX, i], rows[KY, i], rows[OMEGA, i], rows[PHASE, i], place)
+        orbit = _orbit(phase, rows[K, i], rows[ORBITAL, i], rows[MIRRORED, i], place)
+        out[0, i], out[1, i], out[2, i], out[3, i] = orbit
+    return out
+
+
+@compiled
+def _orbits_along(rows: Floats, place: Place) -> Floats:
+    """The same where all waves run one way."""
+    out = np.empty((4, rows.shape[1]))
+    for i in range(rows.shape[1]):
+        phase = _phase_along(rows[K, i], rows[OMEGA, i], rows[PHASE, i], place)
+        orbit = _orbit(phase, rows[K, i], rows[ORBITAL, i], rows[MIRRORED, i], place)
+        out[0, i], out[1, i], out[2, i], out[3, i] = orbit
+    return out
+
+
+class StoredOrbits(NamedTuple):
+    """Orbits that were computed together."""
+
+    table: Floats  # shape (4, n)
+
+    @compiled
+    def orbit(self, i: int) -> Four:
+        """That of a component, as of `_orbit`."""
+        table = self.table
+        return table[0, i], table[1, i], table[2, i], table[3, i]
+
+
+class OrbitsInTurn(NamedTuple):
+    """Orbits, of waves that all run one way, that are computed one after another."""
+
+    components: Floats
+    place: Place
+
+    @compiled
+    def orbit(self, i: int) -> Four:
+        """That of a component, as of `_orbit`."""
+        rows = self.components
+        phase = _phase_along(rows[K, i], rows[OMEGA, i], rows[PHASE, i], self.place)
+        return _orbit(phase, rows[K, i], rows[ORBITAL, i], rows[MIRRORED, i], self.place)
+
+
 @compiled
 def wave_elevation(waves: AnyWaves, x: float, y: float, time: float, drift: Drift) -> float:
     """Height of the surface above z = 0 at one place [m], time [s]."""
     rows = waves.components
     x = x - drift.displacement[0]
     y = y - drift.displacement[1]
+    place = _place_of(waves, x, y, 0.0, time)
     height = like(0.0, x)
     for i in range(rows.shape[1]):
-        phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
-        height += rows[AMPLITUDE, i] * sin_cos(phase)[1]
+        phase = _phase(rows[KX, i], rows[KY, i], rows[OMEGA, i], rows[PHASE, i], place)
+        height = fma(rows[AMPLITUDE, i], sin_cos_of_right_angles(phase)[1], height)
     return height
-
-
-@compiled
-def _orbits(waves: AnyWaves, x: float, y: float, z: float, time: float) -> Floats:
-    """Horizontal velocity of each component, times cosine and times sine of its phase, and upward
-    velocity, likewise, at a place [m] with z not above 0: shape (4, n), [m/s].
-    """
-    rows = waves.components
-    out = waves.room_for_orbits()
-    for i in range(rows.shape[1]):
-        phase = rows[KX, i] * x + rows[KY, i] * y - rows[FIXED_OMEGA, i] * time + rows[PHASE, i]
-        sin, cos = sin_cos(phase)
-        # cosh(k(z+h))/sinh(kh) and sinh(k(z+h))/sinh(kh) without overflow in deep water
-        decay = exp(max(rows[K, i] * z, MIN_EXPONENT))
-        mirrored = rows[MIRROR, i] / decay
-        horizontal = rows[ORBITAL, i] * (decay + mirrored)
-        upward = rows[ORBITAL, i] * (decay - mirrored)
-        out[0, i] = horizontal * cos
-        out[1, i] = horizontal * sin
-        out[2, i] = upward * cos
-        out[3, i] = upward * sin
-    return out
 
 
 @compiled
@@ -350,13 +464,172 @@ def add_velocity_of_waves(
     """Velocity of a current and the waves on it, as of `add_waves`."""
     rows = waves.components
     x, y, z = position
-    ux, uy, uz = like(current[0], x), like(current[1], x), like(current[2], x)
-    orbits = _orbits(waves, x, y, _height_in(waves, z), time)
+    place = _place_of(waves, x, y, _height_in(waves, z), time)
+    ux = uy = uz = like(0.0, x)
+    if waves.one_way:
+        orbits = waves.one_way_orbits(place)
+        along = ux
+        for i in range(rows.shape[1]):
+            hc, _, _, ws = orbits.orbit(i)
+            along += hc
+            uz += ws
+        ux = along * rows[EAST, 0]
+        uy = along * rows[NORTH, 0]
+    else:
+        table = _orbits(waves, place)
+        for i in range(rows.shape[1]):
+            ux += rows[EAST, i] * table[0, i]
+            uy += rows[NORTH, i] * table[0, i]
+            uz += table[3, i]
+    return plus(current, (ux, uy, uz))
+
+
+class Potential(NamedTuple):
+    """Derivatives of the waves' velocity potential ϕ, whose gradient is the velocity, and of ∂ϕ/∂t
+    where the waves are carried to. Second ones are those by xx, xy, yy, xz and yz; that by zz
+    follows from ϕxx + ϕyy + ϕzz = 0.
+    """
+
+    first: Vector  # the velocity [m/s]
+    second: Five  # [1/s]
+    rate_first: Vector  # [m/s²]
+    rate_second: Five  # [1/s²]
+    second_along_path: Five  # change of the second ones, in the same time, along a path [1/s²]
+
+
+@compiled
+def _one_way_potential(waves: AnyWaves, place: Place, path: Vector) -> Potential:
+    """Of waves that all run one way, for a point with a velocity [m/s]: sums in the vertical plane
+    along it.
+    """
+    rows = waves.components
+    orbits = waves.one_way_orbits(place)
+    # derivatives of ϕ (p) and ∂ϕ/∂t (r) along (s) and upwards (z)
+    ps = pz = pss = psz = psss = pssz = like(0.0, place.z)
+    rs = rz = rss = rsz = like(0.0, place.z)
     for i in range(rows.shape[1]):
-        ux += orbits[0, i] * rows[EAST, i]
-        uy += orbits[0, i] * rows[NORTH, i]
-        uz += orbits[3, i]
-    return ux, uy, uz
+        k = rows[K, i]
+        omega = rows[OMEGA, i]
+        # H cos θ, H sin θ, W cos θ, W sin θ: of the phase θ, dθ/ds = k and dθ/dt = −ω, and of the
+        # velocities dH/dz = k W, dW/dz = k H
+        hc, hs, wc, ws = orbits.orbit(i)
+        khc = k * hc
+        kws = k * ws
+        ps += hc
+        pz += ws
+        pss = fma(-k, hs, pss)
+        psz = fma(k, wc, psz)
+        psss = fma(-k, khc, psss)
+        pssz = fma(-k, kws, pssz)
+        rs = fma(omega, hs, rs)
+        rz = fma(-omega, wc, rz)
+        rss = fma(omega, khc, rss)
+        rsz = fma(omega, kws, rsz)
+    towards = rows[EAST, 0], rows[NORTH, 0]
+    ex, ey = towards
+    vx, vy, vz = path
+    vs = ex * vx + ey * vy
+    return Potential(
+        first=(ps * ex, ps * ey, pz),
+        second=_seen_from_above(towards, pss, psz),
+        rate_first=(rs * ex, rs * ey, rz),
+        rate_second=_seen_from_above(towards, rss, rsz),
+        # ϕszz = −ϕsss
+        second_along_path=_seen_from_above(towards, psss * vs + pssz * vz, pssz * vs - psss * vz),
+    )
+
+
+@compiled
+def _seen_from_above(towards: Two, ss: float, sz: float) -> Five:
+    """Second derivatives by those in the vertical plane of a direction."""
+    ex, ey = towards
+    ssx = ss * ex
+    ssy = ss * ey
+    return ssx * ex, ssx * ey, ssy * ey, sz * ex, sz * ey
+
+
+@compiled
+def _potential(waves: AnyWaves, place: Place, path: Vector) -> Potential:
+    """Of any waves, for a point with a velocity [m/s]."""
+    rows = waves.components
+    # stored for lanes, too: so many sums leave no registers to compute orbits in between
+    table = _orbits(waves, place)
+    zero = like(0.0, place.z)
+    # derivatives of ϕ (p) and ∂ϕ/∂t (r)
+    px = py = pz = zero
+    pxx = pxy = pyy = pxz = pyz = zero
+    pxxx = pxxy = pxyy = pyyy = pxxz = pxyz = pyyz = zero
+    rx = ry = rz = zero
+    rxx = rxy = ryy = rxz = ryz = zero
+    for i in range(rows.shape[1]):
+        kx = rows[KX, i]
+        ky = rows[KY, i]
+        omega = rows[OMEGA, i]
+        ex = rows[EAST, i]
+        ey = rows[NORTH, i]
+
+        # as in `_one_way_potential`, along the component's own direction
+        hc = table[0, i]
+        hcx = ex * hc
+        hcy = ey * hc
+        hcxx = kx * hcx
+        hcxy = kx * hcy
+        hcyy = ky * hcy
+        px += hcx
+        py += hcy
+        pxxx = fma(-kx, hcxx, pxxx)
+        pxxy = fma(-ky, hcxx, pxxy)
+        pxyy = fma(-ky, hcxy, pxyy)
+        pyyy = fma(-ky, hcyy, pyyy)
+        rxx = fma(omega, hcxx, rxx)
+        rxy = fma(omega, hcxy, rxy)
+        ryy = fma(omega, hcyy, ryy)
+
+        hs = table[1, i]
+        hsx = ex * hs
+        hsy = ey * hs
+        pxx = fma(-kx, hsx, pxx)
+        pxy = fma(-kx, hsy, pxy)
+        pyy = fma(-ky, hsy, pyy)
+        rx = fma(omega, hsx, rx)
+        ry = fma(omega, hsy, ry)
+
+        wc = table[2, i]
+        pxz = fma(kx, wc, pxz)
+        pyz = fma(ky, wc, pyz)
+        rz = fma(-omega, wc, rz)
+
+        ws = table[3, i]
+        wsx = kx * ws
+        wsy = ky * ws
+        pz += ws
+        pxxz = fma(-kx, wsx, pxxz)
+        pxyz = fma(-kx, wsy, pxyz)
+        pyyz = fma(-ky, wsy, pyyz)
+        rxz = fma(omega, wsx, rxz)
+        ryz = fma(omega, wsy, ryz)
+    vx, vy, vz = path
+    return Potential(
+        first=(px, py, pz),
+        second=(pxx, pxy, pyy, pxz, pyz),
+        rate_first=(rx, ry, rz),
+        rate_second=(rxx, rxy, ryy, rxz, ryz),
+        # ϕxzz = −ϕxxx − ϕxyy
+        second_along_path=(
+            pxxx * vx + pxxy * vy + pxxz * vz,
+            pxxy * vx + pxyy * vy + pxyz * vz,
+            pxyy * vx + pyyy * vy + pyyz * vz,
+            pxxz * vx + pxyz * vy - (pxxx + pxyy) * vz,
+            pxyz * vx + pyyz * vy - (pxxy + pyyy) * vz,
+        ),
+    )
+
+
+@compiled
+def _matrix(second: Five) -> Matrix:
+    """All second derivatives."""
+    xx, xy, yy, xz, yz = second
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, -xx - yy)
 
 
 @compiled
@@ -375,75 +648,32 @@ def add_waves(
     x, y, z = position
     vx, vy, vz = velocity
     ax, ay, az = axis
-    zero = like(0.0, x)
-    # sums, each the fields of `Flow`: u velocity, d its rate, g gradient, b axis_gradient_rate, c
-    # axis_acceleration_gradient
-    ux, uy, uz = (
-        like(current.velocity[0], x),
-        like(current.velocity[1], x),
-        like(current.velocity[2], x),
-    )
-    dx, dy, dz = like(current.rate[0], x), like(current.rate[1], x), like(current.rate[2], x)
-    gxx = gxy = gyy = gxz = gyz = gzz = zero
-    bx = by = bz = zero
-    cx = cy = cz = zero
     height = _height_in(waves, z)
     # where waves do not change with height any more, neither does climbing count, nor what of an
     # axis points up
     varies = select(z == height, 1.0, 0.0)
-    vz = varies * vz
-    az = varies * az
-    orbits = _orbits(waves, x, y, height, time)
-    for i in range(rows.shape[1]):
-        omega = rows[OMEGA, i]
-        k = rows[K, i]
-        ex = rows[EAST, i]
-        ey = rows[NORTH, i]
-        # horizontal velocity H and upward velocity W, times cosine and sine of the phase θ
-        horizontal_cos = orbits[0, i]
-        horizontal_sin = orbits[1, i]
-        upward_cos = orbits[2, i]
-        upward_sin = orbits[3, i]
-        axis_along = ax * ex + ay * ey
-        rise = k * vz
-        # of θ along the point's path [rad/s]
-        rate = rows[KX, i] * vx + rows[KY, i] * vy - rows[FIXED_OMEGA, i]
-
-        ux += horizontal_cos * ex
-        uy += horizontal_cos * ey
-        uz += upward_sin
-        change = upward_cos * rise - horizontal_sin * rate
-        dx += change * ex
-        dy += change * ey
-        dz += upward_cos * rate + horizontal_sin * rise
-
-        # potential flow: within the sea the gradient is symmetric and has no trace
-        gh = -k * horizontal_sin
-        gz = k * upward_cos
-        gxx += gh * ex * ex
-        gxy += gh * ex * ey
-        gyy += gh * ey * ey
-        gxz += gz * ex
-        gyz += gz * ey
-        gzz -= gh
-
-        # along the axis, the gradient is k (−H sin θ·along + W cos θ·az) horizontally and k (W cos
-        # θ·along + H sin θ·az) vertically; −p and −q are their derivatives with θ, −k q and k p
-        # those with z
-        p = k * (horizontal_cos * axis_along + upward_sin * az)
-        q = k * (upward_sin * axis_along - horizontal_cos * az)
-        bh = -p * rate - q * rise
-        bx += bh * ex
-        by += bh * ey
-        bz += p * rise - q * rate
-        cx += omega * p * ex
-        cy += omega * p * ey
-        cz += omega * q
+    path = vx - rows[CARRIER_EAST, 0], vy - rows[CARRIER_NORTH, 0], varies * vz
+    along = ax, ay, varies * az
+    place = _place_of(waves, x, y, height, time)
+    if waves.one_way:
+        potential = _one_way_potential(waves, place, path)
+    else:
+        potential = _potential(waves, place, path)
+    gradient = _matrix(potential.second)
+    rate = plus(potential.rate_first, matvec(gradient, path))
+    axis_acceleration_gradient = matvec(_matrix(potential.rate_second), along)
+    gradient_along_path = matvec(_matrix(potential.second_along_path), along)
+    (gxx, gxy, gxz), (gyx, gyy, gyz), (gzx, gzy, gzz) = gradient
     # j: gradient of the current
     (jxx, jxy, jxz), (jyx, jyy, jyz), (jzx, jzy, jzz) = current.gradient
-    gradient = (
-        (gxx + jxx, gxy + jxy, varies * gxz + jxz),
-        (gxy + jyx, gyy + jyy, varies * gyz + jyz),
-        (gxz + jzx, gyz + jzy, varies * gzz + jzz),
+    return Flow(
+        plus(current.velocity, potential.first),
+        plus(current.rate, rate),
+        (
+            (gxx + jxx, gxy + jxy, varies * gxz + jxz),
+            (gyx + jyx, gyy + jyy, varies * gyz + jyz),
+            (gzx + jzx, gzy + jzy, varies * gzz + jzz),
+        ),
+        plus(axis_acceleration_gradient, gradient_along_path),
+        axis_acceleration_gradient,
     )
-    return Flow((ux, uy, uz), (dx, dy, dz), gradient, (bx, by, bz), (cx, cy, cz))

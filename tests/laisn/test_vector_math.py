@@ -8,7 +8,17 @@ import pytest
 from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.simd import LANES, lanes_of
-from laisn.vector_math import arcsin, arctan, arctan2, exp, half_turn_angle, log, sin_cos
+from laisn.vector_math import (
+    arcsin,
+    arctan,
+    arctan2,
+    exp,
+    half_turn_angle,
+    log,
+    powers_of_two,
+    sin_cos,
+    sin_cos_of_right_angles,
+)
 
 
 @compiled
@@ -49,6 +59,24 @@ def _exponentials(x: Floats) -> Floats:
     for i in range(x.size):
         out[i] = exp(x[i])
     return out
+
+
+@compiled
+def _scaled(x: Floats) -> Floats:
+    out = np.empty((x.size, 4))
+    for i in range(x.size):
+        out[i, 0], out[i, 1] = sin_cos_of_right_angles(x[i])
+        out[i, 2], out[i, 3] = powers_of_two(x[i])
+    return out
+
+
+@compiled
+def _scaled_in_lanes(x: Floats, out: Floats) -> None:
+    values = lanes_of(x)
+    results = lanes_of(out)
+    for i in range(x.shape[0]):
+        results[i, 0], results[i, 1] = sin_cos_of_right_angles(values[i])
+        results[i, 2], results[i, 3] = powers_of_two(values[i])
 
 
 @compiled
@@ -115,6 +143,38 @@ def test_angles_of_lanes_have_the_bits_of_those_of_numbers() -> None:
     alone = _angles(y.ravel(), x.ravel(), sine.ravel())
     of_lanes = np.moveaxis(out, 1, 2).reshape(-1, 3)
     np.testing.assert_array_equal(of_lanes, alone)
+
+
+def test_scaled_functions_agree_with_the_library() -> None:
+    """In extended precision, over their whole range."""
+    generator = np.random.default_rng(9)
+    x = np.concatenate([np.linspace(-3.0, 3.0, 60_001), generator.uniform(-1020.0, 1020.0, 20_000)])
+    result = _scaled(x)
+    exact = x.astype(np.longdouble)
+    angle = np.fmod(exact, 4) * 2 * np.arctan(np.longdouble(1))
+    assert np.abs(result[:, 0] - np.sin(angle)).max() < 1e-15
+    assert np.abs(result[:, 1] - np.cos(angle)).max() < 1e-15
+    assert np.abs(result[:, 2] / np.exp2(exact) - 1).max() < 1e-15
+    assert np.abs(result[:, 3] * np.exp2(exact) - 1).max() < 1e-15
+
+
+def test_scaled_functions_of_whole_numbers_are_exact() -> None:
+    x = np.arange(-1020.0, 1021.0)
+    result = _scaled(x)
+    quarter = x.astype(int) % 4
+    np.testing.assert_array_equal(result[:, 0], np.array([0.0, 1.0, 0.0, -1.0])[quarter])
+    np.testing.assert_array_equal(result[:, 1], np.array([1.0, 0.0, -1.0, 0.0])[quarter])
+    np.testing.assert_array_equal(result[:, 2], np.exp2(x))
+    np.testing.assert_array_equal(result[:, 3], np.exp2(-x))
+
+
+def test_scaled_functions_of_lanes_have_the_bits_of_those_of_numbers() -> None:
+    x = np.random.default_rng(10).uniform(-1020.0, 1020.0, (500, LANES))
+    x[0] = [0.0, -0.0, 0.5, -0.5, 1020.0, -1020.0, 1.5, 2.5]
+    out = np.empty((500, 4, LANES))
+    _scaled_in_lanes(x, out)
+    of_lanes = np.ascontiguousarray(np.moveaxis(out, 1, 2).reshape(-1, 4))
+    np.testing.assert_array_equal(of_lanes.view(np.uint64), _scaled(x.ravel()).view(np.uint64))
 
 
 @pytest.mark.system

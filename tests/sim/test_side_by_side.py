@@ -63,7 +63,9 @@ def test_missions_move_as_each_does_alone(model: str) -> None:
         require_equal(actual, expected)
 
 
-def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
+def in_waves(
+    kind: str, depths: Sequence[float], *, least_spreading_deg: int = 0, step_deg: int = 0
+) -> list[MotionSettings]:
     """Missions whose seas differ in all settings; pairs have the same seed."""
     waves = (f"ocean.waves.kind={kind}", "ocean.waves.components=20")
     return [
@@ -72,7 +74,8 @@ def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
             f"seed={1 + i // 2}",
             f"ocean.waves.height_m={0.4 + 0.1 * i}",
             f"ocean.waves.period_s={4 + i}",
-            f"ocean.waves.spreading_deg={10 * i}",
+            f"ocean.waves.spreading_deg={least_spreading_deg + step_deg * i}",
+            f"ocean.waves.direction_deg={50 * i}",
             f"ocean.floor_depth_m={20 + 5 * i}",
             f"ocean.current_speed_m_s={0.1 * i}",
             "ocean.current_shear_per_s=0.01",
@@ -83,14 +86,32 @@ def in_waves(kind: str, depths: Sequence[float]) -> list[MotionSettings]:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("kind", ["regular", "jonswap"])
-def test_missions_in_waves_move_as_each_does_alone(kind: str) -> None:
-    """One of them leaves the water, through the surface of its own waves."""
-    motions = in_waves(kind, [9.0, 9.0, 5.0, 0.2])
+@pytest.mark.parametrize(
+    ("kind", "least_spreading_deg", "step_deg"),
+    [("regular", 0, 0), ("jonswap", 0, 0), ("jonswap", 5, 10), ("jonswap", 0, 10)],
+)
+def test_missions_in_waves_move_as_each_does_alone(
+    kind: str, least_spreading_deg: int, step_deg: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One of them leaves the water, through the surface of its own waves. Seas that spread do
+    not lie beside one that does not.
+    """
+    motions = in_waves(
+        kind, [9.0, 9.0, 5.0, 0.2], least_spreading_deg=least_spreading_deg, step_deg=step_deg
+    )
     alone = [simulate_open_loop(motion) for motion in motions]
     assert len({trajectory.water_velocity[-1].tobytes() for trajectory in alone}) == 4
+    simulated_alone: list[MotionSettings] = []
+
+    def recording_simulate(motion: MotionSettings) -> Trajectory:
+        simulated_alone.append(motion)
+        return simulate_open_loop(motion)
+
+    monkeypatch.setattr(side_by_side, "simulate_open_loop", recording_simulate)
     for actual, expected in zip(simulate_side_by_side(motions), alone, strict=True):
         require_equal(actual, expected)
+    some_spread = least_spreading_deg == 0 and step_deg > 0
+    assert simulated_alone == (motions if some_spread else [])
 
 
 def in_a_field(folder: Path) -> Callable[..., MotionSettings]:
@@ -287,11 +308,17 @@ def test_missions_with_arrays_of_one_shape_form_groups() -> None:
     groups = groups_for_lanes([*in_still_water, *longer, *others])
     # a group has eight missions at most, so that the ninth remains alone
     assert groups == [[*range(8)], [9, 10, 11]]
+    # waves that all run one way are added up otherwise
     in_waves_of_one_kind = [
-        motion_of("ocean.waves.kind=jonswap", f"seed={i}", f"ocean.waves.height_m={0.2 + 0.1 * i}")
-        for i in range(3)
+        motion_of(
+            "ocean.waves.kind=jonswap",
+            f"seed={i}",
+            f"ocean.waves.height_m={0.2 + 0.1 * i}",
+            f"ocean.waves.spreading_deg={5 * i * (i % 2)}",
+        )
+        for i in range(6)
     ]
-    assert groups_for_lanes(in_waves_of_one_kind) == [[0, 1, 2]]
+    assert groups_for_lanes(in_waves_of_one_kind) == [[0, 2, 4], [1, 3, 5]]
     assert groups_for_lanes(in_still_water, most=3) == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
 
 

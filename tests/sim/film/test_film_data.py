@@ -8,7 +8,6 @@ from sim.film.scene import Sea
 from sim.scenario.parts import SeaSettings
 from sim.scenario.settings import WavesTable
 from sim.water.assembly import ocean_of
-from sim.water.waves import PHASE
 from tests.sim.water.test_ocean import elevation
 from tests.synthetic import make_flight
 
@@ -61,10 +60,9 @@ def test_the_drawn_sea_is_the_simulated_sea():
             mission.model_copy(update={"ocean": mission.ocean.model_copy(update={"waves": waves})})
         )
     )
-    # components up to the phase, of which 1 and 2 are wave numbers east and north
     sea = Sea.__new__(Sea)
-    sea._ocean, sea._waves = ocean, ocean.environment.waves.components[: PHASE + 1].T
-    sea._wavenumber = np.hypot(sea._waves[:, 1], sea._waves[:, 2])
+    sea._ocean = ocean
+    sea._wavenumber = np.hypot(*ocean.waves.wavenumber_1_m.T)
     x, y = sea.grid(np.array([40.0, -7.0, 0.0]), 100.0)
     drawn = sea.elevation(x, y, 12.3)
     assert np.abs(drawn - elevation(ocean, x[None, :], y[:, None], 12.3)).max() <= 1e-9

@@ -83,6 +83,41 @@ def textbook_velocity(ocean: Ocean, position: Floats, t: float) -> Floats:
     return u
 
 
+def potential_flow(
+    waves: Waves, depth: float, place: Floats, velocity: Floats, axis: Floats, t: float
+) -> list[Floats]:
+    """The fields of `Flow` at a place that moves, in still water, by derivatives of the potential
+    ϕ = Σ (a ω / k) cosh(k(z+h)) / sinh(kh) sin(k·x − ω t + φ), in extended precision.
+    """
+    real = np.longdouble
+    kx, ky = waves.wavenumber_1_m.T.astype(real)
+    k = np.hypot(kx, ky)
+    omega = waves.omega_rad_s.astype(real)
+    theta = kx * real(place[0]) + ky * real(place[1]) - omega * real(t) + waves.phase_rad
+    scale = waves.amplitude_m * omega / k / np.sinh(k * depth)
+    above_floor = k * (real(place[2]) + depth)
+
+    def derivative(*by: int) -> float:
+        """By x (0), y (1), z (2) and time (3), one after another."""
+        horizontal = np.ones(k.size, np.clongdouble)
+        for factor in ((kx, ky, k, -omega)[i] * (1 if i == 2 else 1j) for i in by):
+            horizontal = horizontal * factor
+        vertical = (np.cosh, np.sinh)[by.count(2) % 2](above_floor)
+        return float(np.sum(scale * vertical * (horizontal * np.exp(1j * theta)).imag))
+
+    def along(direction: Floats, *by: int) -> float:
+        return float(sum(direction[j] * derivative(*by, j) for j in range(len(direction))))
+
+    path = np.append(velocity, 1.0)
+    return [
+        np.array([derivative(i) for i in range(3)]),
+        np.array([along(path, i) for i in range(3)]),
+        np.array([[derivative(i, j) for j in range(3)] for i in range(3)]),
+        np.array([sum(axis[j] * along(path, i, j) for j in range(3)) for i in range(3)]),
+        np.array([along(axis, i, 3) for i in range(3)]),
+    ]
+
+
 def elevation(ocean: Ocean, x: npt.ArrayLike, y: npt.ArrayLike, time: float) -> Floats:
     """Height of the surface above z = 0; x and y broadcast [m]."""
     instant = sea_at(ocean.environment, time)
@@ -143,6 +178,48 @@ def test_flow_derivatives_are_those_of_the_velocity(
         )
         if heights[1] < 0:
             assert abs(np.trace(gradient)) < 1e-12
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.4])
+@pytest.mark.parametrize("depth", [3.0, 12.0, 200.0])
+def test_flow_is_that_of_the_potential(spread: float, depth: float) -> None:
+    """To rounding, in long-crested and in short-crested seas."""
+    waves = Waves.jonswap(
+        np.random.default_rng(4),
+        significant_height_m=0.3,
+        peak_period_s=3.0,
+        direction_rad=2.5,
+        spread_rad=spread,
+        floor_depth_m=depth,
+    )
+    ocean = Ocean(floor_depth_m=depth, waves=waves)
+    assert ocean.environment.waves.one_way == (spread == 0.0)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        place = rng.uniform([-50, -50, -depth], [50, 50, 0])
+        velocity, axis = rng.normal(size=(2, 3))
+        t = float(rng.uniform(0.0, 100.0))
+        actual = flow(sea_at(ocean.environment, t), tuple(place), tuple(velocity), tuple(axis))
+        expected = potential_flow(waves, depth, place, velocity, axis, t)
+        for term, exact in zip(actual, expected, strict=True):
+            np.testing.assert_allclose(term, exact, rtol=0.0, atol=2e-13)
+
+
+def test_waves_run_one_way_whatever_their_length_and_rounding() -> None:
+    """Also a single one of a sea that spreads; opposite ones run two ways."""
+    rng = np.random.default_rng(6)
+    for direction in rng.uniform(0.0, 2 * np.pi, 20):
+        sea = {"significant_height_m": 0.5, "peak_period_s": 4.0, "direction_rad": direction}
+        assert Ocean(waves=Waves.jonswap(rng, **sea)).environment.waves.one_way
+        single = Waves.jonswap(rng, **sea, spread_rad=0.5, n_components=1)
+        assert Ocean(waves=single).environment.waves.one_way
+    both_ways = Waves(
+        amplitude_m=np.full(2, 0.1),
+        wavenumber_1_m=np.array([[0.3, 0.4], [-0.3, -0.4]]),
+        omega_rad_s=np.full(2, 2.2),
+        phase_rad=np.zeros(2),
+    )
+    assert not Ocean(waves=both_ways).environment.waves.one_way
 
 
 def test_a_linear_ramp_of_the_current_is_uniform_acceleration() -> None:
