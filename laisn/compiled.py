@@ -30,6 +30,7 @@ from typing import Any, TypeVar, cast
 import numba
 import numpy as np
 from numba import errors, types
+from numba.core import cgutils
 from numba.core.bytecode import FunctionIdentity
 from numba.core.caching import (
     CompileResultCacheImpl,
@@ -322,6 +323,32 @@ def copy_values(source: Floats, target: Floats) -> None:
     """
     for i in range(target.shape[0]):
         target[i] = source[i]
+
+
+def _emit_copy_rows(_: Any, source: Any, target: Any) -> Any:
+    for array in (source, target):
+        if not (isinstance(array, types.Array) and array.layout == "C"):
+            return None
+    if source.dtype != target.dtype or source.ndim != target.ndim:
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        arrays = [
+            context.make_array(kind)(context, builder, value)
+            for kind, value in zip(signature.args, args, strict=True)
+        ]
+        cgutils.raw_memcpy(
+            builder, arrays[1].data, arrays[0].data, arrays[0].nitems, arrays[0].itemsize
+        )
+        return context.get_dummy_value()
+
+    return types.void(source, target), generate
+
+
+copy_rows: Callable[[Floats, Floats], None] = cast(Any, intrinsic(_emit_copy_rows))
+"""`target[:] = source` of contiguous arrays of equal shape, which do not overlap: a loop for each
+of many short rows takes longer. To be called from compiled code only.
+"""
 
 
 def jitable(function: Function) -> Function:

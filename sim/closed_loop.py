@@ -155,6 +155,11 @@ def init_closed_loop(
     trails = records(TRAIL, f, n // message_every + planned_points + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
+    # most followers navigate by one table
+    estimate_current = {
+        key: "current" in table.settings().estimated
+        for key, table in {id(table): table for table in navigations}.items()
+    }
     first_message = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(followers):
         kinds[i] = _kind(follower)
@@ -166,9 +171,7 @@ def init_closed_loop(
         sensors=sensors,
         look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
-        estimates_current=np.array(
-            ["current" in navigation.settings().estimated for navigation in navigations]
-        ),
+        estimates_current=np.array([estimate_current[id(table)] for table in navigations]),
         leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
@@ -214,12 +217,10 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
             state.sensors.tilt_gain, k, truth.pose[:, 0], truth.twist[:, 0], state.tilts
         )
     if k % stride != 0:
-        for i in range(state.kinds.size):
-            estimate = state.estimates[i]
-            for j in range(2):
-                estimate.position[j] += TICK * estimate.velocity[j]
+        _dead_reckon(state)
         return False
     step = k // stride
+    # loops of their own: what is due at each step would wait for all that a message needs at hand
     for i in range(state.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
         observation.read_instruments(
@@ -231,8 +232,47 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
             state.instrument_noise,
             state.reading_values[i],
         )
-        on_station = state.kinds[i] >= ON_STATION_BY_TRUTH
-        if k > 0 and state.look_every > 0 and k % state.look_every == 0 and on_station:
+    if k > 0 and state.look_every > 0 and k % state.look_every == 0:
+        _look_around(k, truth, state)
+    for i in range(state.kinds.size):
+        state.arrived[i] = False
+        state.inbox.outcome[i] = observation.NO_MESSAGE
+        # asked here and not in `receive`: the call costs more than the comparison
+        if state.inbox.earliest_step[i] <= step:
+            _receive(k, i, truth, state)
+    if state.plan.known_until.size > 0:
+        _extend_as_planned(k, state)
+    if k > 0:
+        for i in range(state.kinds.size):
+            observation.record_step(state.measured, state.inbox, step, i, state.reading_values[i])
+    return k > 0
+
+
+@compiled
+def _dead_reckon(state: ClosedLoopState) -> None:
+    """Move all estimated positions by one instant."""
+    for i in range(state.kinds.size):
+        estimate = state.estimates[i]
+        for j in range(2):
+            estimate.position[j] += TICK * estimate.velocity[j]
+
+
+@compiled
+def _extend_as_planned(k: int, state: ClosedLoopState) -> None:
+    """Add where the leader is by its plan to its trail, of all followers on stations."""
+    for i in range(state.kinds.size):
+        if state.kinds[i] >= ON_STATION_BY_TRUTH:
+            received = state.memory[i].last_received, state.memory[i].received_points
+            extend_as_planned(
+                state.plan, state.trails[i], state.trail_counts[i], received, (k, TICK)
+            )
+
+
+@compiled
+def _look_around(k: int, truth: StateHistory, state: ClosedLoopState) -> None:
+    """Look at vehicles nearby from all followers on stations, at instant k."""
+    for i in range(state.kinds.size):
+        if state.kinds[i] >= ON_STATION_BY_TRUTH:
             proximity.sense_neighbours(
                 (state.sensors.seed, state.sensors.run),
                 state.proximity,
@@ -244,43 +284,28 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
             steering.update_avoidance(
                 state.proximity, state.sightings[i], state.estimates[i], state.memory[i]
             )
-        state.arrived[i] = False
-        state.inbox.outcome[i] = observation.NO_MESSAGE
-        # asked here and not in `receive`: the call costs more than the comparison
-        if state.inbox.earliest_step[i] <= step:
-            observation.receive(
-                state.sensors,
-                step,
-                i,
-                state.sites,
-                Motion(truth, 0.0, k),
-                state.tilts,
-                state.inbox,
-            )
-            state.arrived[i] = state.inbox.outcome[i] != observation.NO_MESSAGE
-            if state.arrived[i] and state.broadcast.shape[0] > 0:
-                sent_message = state.broadcast[state.inbox.last_sent[i]]
-                copy_values(sent_message, state.inbox.message_values[i])
-            if state.inbox.outcome[i] == observation.RECEIVED and on_station:
-                clock = (k * TICK, TICK)
-                message = state.inbox.message[i]
-                steering.extend_trail(
-                    state.formations[i],
-                    state.stations[i],
-                    message,
-                    state.trails[i],
-                    state.trail_counts[i],
-                    clock,
-                    state.memory[i],
-                )
-        if on_station:
-            received = state.memory[i].last_received, state.memory[i].received_points
-            extend_as_planned(
-                state.plan, state.trails[i], state.trail_counts[i], received, (k, TICK)
-            )
-        if k > 0:
-            observation.record_step(state.measured, state.inbox, step, i, state.reading_values[i])
-    return k > 0
+
+
+@compiled
+def _receive(k: int, i: int, truth: StateHistory, state: ClosedLoopState) -> None:
+    """Take up the message that follower i has received by instant k, a filter step, if any."""
+    step = k // state.sensors.stride
+    motion = Motion(truth, 0.0, k)
+    observation.receive(state.sensors, step, i, state.sites, motion, state.tilts, state.inbox)
+    state.arrived[i] = state.inbox.outcome[i] != observation.NO_MESSAGE
+    if state.arrived[i] and state.broadcast.shape[0] > 0:
+        sent_message = state.broadcast[state.inbox.last_sent[i]]
+        copy_values(sent_message, state.inbox.message_values[i])
+    if state.inbox.outcome[i] == observation.RECEIVED and state.kinds[i] >= ON_STATION_BY_TRUTH:
+        steering.extend_trail(
+            state.formations[i],
+            state.stations[i],
+            state.inbox.message[i],
+            state.trails[i],
+            state.trail_counts[i],
+            (k * TICK, TICK),
+            state.memory[i],
+        )
 
 
 @compiled

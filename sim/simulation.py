@@ -16,7 +16,7 @@ from numba import types
 from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Records, records
-from laisn.compiled import compiled, copy_values, jitable
+from laisn.compiled import compiled, copy_rows, copy_values, jitable
 from laisn.errors import LaisnError
 from laisn.held import Held, held_values
 from sim import attitude
@@ -133,10 +133,9 @@ ControllerFactory = Callable[[Plant, RouteControl], Controller]
 def record_state(k: int, state: PlantState, environment: Environment, truth: StateHistory) -> None:
     """Record instant k: the state of a plant, and its water."""
     water_velocity(environment, state.pose[:, :3], k * TICK, truth.water[k])
-    for i in range(state.pose.shape[0]):
-        copy_values(state.pose[i], truth.pose[k, i])
-        copy_values(state.twist[i], truth.twist[k, i])
-        copy_values(state.effector_states[i], truth.effector_states[k, i])
+    copy_rows(state.pose, truth.pose[k])
+    copy_rows(state.twist, truth.twist[k])
+    copy_rows(state.effector_states, truth.effector_states[k])
 
 
 @compiled

@@ -754,21 +754,26 @@ def _navigate(
     beliefs = swarm.beliefs
     m = swarm.model
     records_covariance = record.covariance.shape[1] > 0
+    # loops of their own: what is due at each step would wait for all that a message needs at hand
+    for i in range(beliefs.size):
+        preintegrate(beliefs[i], m, readings[i].speed, readings[i].heading, m.dt)
+    for i in range(beliefs.size):
+        if not received[i]:
+            continue
+        b = beliefs[i]
+        depth = readings[i].depth
+        used = _receive(b, m, swarm.range_message, messages[i], ranges[i], depth, True)
+        if used < 0:
+            return i + 1
+        received_ranges, used_ranges, _ = outcome_of(b, m, used)
+        swarm.gated[i] += received_ranges > 0 and used_ranges == 0
+        _write_outputs(b, m, estimates[i])
+        if records_covariance:
+            fix = record.fix[i, new_fix(record, i, step, 0)]
+            write_fix(b, m, swarm.reported_indices, used, fix)
     for i in range(beliefs.size):
         b = beliefs[i]
         estimate = estimates[i]
-        preintegrate(b, m, readings[i].speed, readings[i].heading, m.dt)
-        if received[i]:
-            depth = readings[i].depth
-            used = _receive(b, m, swarm.range_message, messages[i], ranges[i], depth, True)
-            if used < 0:
-                return i + 1
-            received_ranges, used_ranges, _ = outcome_of(b, m, used)
-            swarm.gated[i] += received_ranges > 0 and used_ranges == 0
-            _write_outputs(b, m, estimate)
-            if records_covariance:
-                fix = record.fix[i, new_fix(record, i, step, 0)]
-                write_fix(b, m, swarm.reported_indices, used, fix)
         estimate.position[0], estimate.position[1] = position(b)
         estimate.velocity[0], estimate.velocity[1] = velocity(b)
         _record_state(b, m, estimate, i, step, record)

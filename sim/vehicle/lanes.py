@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, Records
-from laisn.compiled import compiled, compiled_apart, copy_values
+from laisn.compiled import compiled, compiled_apart, copy_rows, copy_values
 from laisn.simd import LANES, in_lanes, lanes_of, whole_numbers
 from sim.vehicle.effector_kinds import BUILT_IN
 from sim.vehicle.effectors import Fitted, Kinds
@@ -207,9 +207,8 @@ class FleetHandles(NamedTuple):
             copy_values(rest.twist[i], alone.twist[vehicle])
             copy_values(rest.acceleration[i], alone.acceleration[vehicle])
             copy_values(rest.fitted.states[i], states[vehicle])
-        for i in range(alone.pose.shape[0]):
-            copy_values(alone.pose[i], alone.last_pose[i])
-            copy_values(alone.twist[i], alone.last_twist[i])
+        copy_rows(alone.pose, alone.last_pose)
+        copy_rows(alone.twist, alone.last_twist)
         alone.clock[0] = memory.clock[0]
         return fault
 

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 
 from laisn import navigator
-from laisn.compiled import compiled
+from laisn.arrays import Floats
+from laisn.compiled import compiled, copy_rows
 from laisn.fix import Circle, Fix, Pair, laisn_3_2, laisn_best, laisn_main, pair_fix
 from laisn.geometry import Point, SinCos
 from laisn.settings import NavigationSettings, Tuning
@@ -67,3 +69,22 @@ def test_manoeuvres_are_shares_of_a_half_turn_and_of_the_top_speed() -> None:
     assert navigator.turn_share(np.nan, 1.0) == navigator.speed_share(np.nan, 1.0, 3.0) == 0.0
     t = Tuning.of(NavigationSettings(alpha=8.0, sigma_a0=60.0))
     assert navigator.expected_acceleration(0.2, 0.5, t) == pytest.approx(65.6)
+
+
+@compiled
+def _copy_rows(k: int, source: Floats, target: Floats) -> None:
+    copy_rows(source, target[k])
+
+
+@pytest.mark.system
+def test_rows_are_copied_to_their_place_and_no_further() -> None:
+    source = np.arange(12.0).reshape(4, 3)
+    target = np.full((3, 4, 3), -1.0)
+    _copy_rows(1, source, target)
+    np.testing.assert_array_equal(target[1], source)
+    assert np.all(target[[0, 2]] == -1.0)
+    nothing = np.full((1, 0, 3), -1.0)
+    _copy_rows(0, nothing[0], nothing)
+    # strided ones would need a loop
+    with pytest.raises(TypingError):
+        _copy_rows(1, np.zeros((4, 6))[:, ::2], target)
