@@ -5,5 +5,5 @@ Takes `Measurements`, as a whole or step by step (`navigator`), gives `TightEsti
 compiled code (`estimator`), the same whether one follower navigates online or a campaign runs.
 
 Imports: laisn.arrays laisn.compiled laisn.vector_math laisn.estimates laisn.errors laisn.geometry
-laisn.messages laisn.mixture laisn.navigators laisn.settings laisn.swarm
+laisn.held laisn.messages laisn.mixture laisn.navigators laisn.settings laisn.swarm
 """
