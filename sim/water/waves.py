@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Two, freeze_arrays
-from laisn.compiled import compiled, inlined, method_by_type, select
+from laisn.compiled import compiled, compiled_apart, inlined, method_by_type, select
 from laisn.errors import LaisnError
 from laisn.simd import like
 from laisn.vector_math import MIN_EXPONENT, fma, powers_of_two, sin_cos_of_right_angles
@@ -548,7 +548,8 @@ def _seen_from_above(towards: Two, ss: float, sz: float) -> Five:
     return ssx * ex, ssx * ey, ssy * ey, sz * ex, sz * ey
 
 
-@compiled
+# apart, as these sums within a step would slow down also steps that need none
+@compiled_apart
 def _potential(waves: AnyWaves, place: Place, path: Vector) -> Potential:
     """Of any waves, for a point with a velocity [m/s]."""
     rows = waves.components
