@@ -3,7 +3,8 @@ where these state none by physics.
 
 A choice of units gives every bare column, one without a unit in its header, a unit. It is refuted
 where the leader's course over ground, its way at its speed, its clock, or the vehicle's ranges
-along its own course fit another choice far better. What then remains open is settled by the header
+along its own course fit another choice far better. Steps of the clock and gaps, which would change the way at a speed, are left out of what
+is compared. What then remains open is settled by the header
 of another column of the quantity, or by what is usual; otherwise the table is refused with the
 header that would settle it. So is a table that fits only if columns without a unit were in one that
 was not considered: speeds in km/h, lengths in feet.
@@ -17,7 +18,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
 from sim.datasets.range_data import LARGEST_NUMBER
@@ -54,6 +55,10 @@ _MAX_RANGES = 200  # that the start is fitted to
 _ITERATIONS = 12  # of Gauss–Newton for the start
 _TIMES_WORSE = 3.0  # an error that is so many times another, and a margin, is far worse
 _SPEED_MARGIN = 0.3  # of the logarithm of `_distance_ratio`
+# longer intervals between rows, of which so many at most, are steps of the clock or gaps [median
+# intervals]
+_MIN_STEP_INTERVALS = 10.0
+_MAX_STEPS = 20
 _MIN_FACTOR = 2.5
 """Between units that motion tells from each other; a current may double a speed."""
 
@@ -66,6 +71,7 @@ class Trial:
     """A table in SI units, as one choice of units has it."""
 
     time: Floats  # since the first row, shape (n,), [s]
+    stretch: Ints  # between which steps of the clock in each row, shape (n,), from 0 on
     columns: Mapping[str, Floats]  # by field, shape (n,)
     timestamp: Floats | None  # the leader's, where a header states its unit [s]
 
@@ -93,19 +99,21 @@ def _course_error(trial: Trial) -> float:
 
 
 def _distance_ratio(trial: Trial) -> float:
-    """Distance along the leader's positions over the integral of its speed; NaN if it hardly
-    moves.
+    """Distance along the leader's positions over the integral of its speed, both within stretches;
+    NaN if it hardly moves.
     """
     names = ("leader_east", "leader_north", "leader_speed")
     leader = np.column_stack([trial.time, *(trial.columns[name] for name in names)])
-    leader = leader[np.isfinite(leader).all(axis=1)]
+    valid = np.isfinite(leader).all(axis=1)
+    leader = leader[valid]
     if len(leader) < 3:
         return math.nan
-    travelled = float(np.hypot(*np.diff(leader[:, 1:3], axis=0).T).sum())
-    # a clock that steps back must not shorten the distance
+    is_within = np.diff(trial.stretch[valid]) == 0
+    travelled = float(np.hypot(*np.diff(leader[:, 1:3], axis=0).T)[is_within].sum())
+    # times out of order must not shorten the distance
     spans = np.maximum(np.diff(leader[:, 0]), 0.0)
     speed = np.abs(leader[:, 3])
-    distance_at_speed = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * spans))
+    distance_at_speed = float(np.sum((0.5 * (speed[1:] + speed[:-1]) * spans)[is_within]))
     is_slow = np.median(speed) < _MIN_SPEED_M_S
     if travelled < _MIN_DISTANCE_M or is_slow or distance_at_speed <= 0.0:
         return math.nan
@@ -158,7 +166,9 @@ def _horizontal_ranges(trial: Trial) -> tuple[Floats, Floats, Floats]:
 
 
 def _dead_reckoning(trial: Trial) -> Floats:
-    """Way of the vehicle since the first row by its own speed and heading, shape (n, 2), [m]."""
+    """Way of the vehicle since the first row by its own speed and heading, shape (n, 2), [m]; it
+    rests from stretch to stretch.
+    """
     motion = np.column_stack([trial.columns["speed"], trial.columns["heading"]])
     rows = np.arange(len(motion))
     valid = np.flatnonzero(np.isfinite(motion).all(axis=1))
@@ -167,18 +177,17 @@ def _dead_reckoning(trial: Trial) -> Floats:
     speed, heading = motion[valid].T
     velocity = np.column_stack([speed * np.sin(heading), speed * np.cos(heading)])
     spans = np.maximum(np.diff(trial.time[valid], prepend=trial.time[valid[0]]), 0.0)
+    spans[1:][np.diff(trial.stretch[valid]) != 0] = 0.0
     way = np.cumsum(velocity * spans[:, None], axis=0)
     return np.column_stack([np.interp(rows, valid, way[:, axis]) for axis in range(2)])
 
 
-def _range_error(trial: Trial) -> float:
-    """Median residual of the ranges along the vehicle's own course from the start that fits them
-    best [m]; NaN for few ranges.
+def _start_residuals(offsets: Floats, ranges: Floats) -> Floats:
+    """Residuals, absolute, of horizontal ranges to transmitters from the start that fits them best;
+    shape (m,), [m].
+
+    `offsets`, shape (m, 2), [m]: places of transmitters less the vehicle's way since the start.
     """
-    rows, places, ranges = _horizontal_ranges(trial)
-    if ranges.size < _MIN_OBSERVATIONS + 2:
-        return math.nan
-    offsets = places - _dead_reckoning(trial)[rows.astype(np.int64)]
     # the start lies on a circle about the first place; Gauss–Newton refines eight starts
     angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -195,8 +204,24 @@ def _range_error(trial: Trial) -> float:
         normal = np.einsum("smi,sm,smj->sij", slopes, weights, slopes) + 1e-6 * np.eye(2)
         gradient = np.einsum("smi,sm,sm->si", slopes, weights, residuals)
         starts = starts + np.linalg.solve(normal, gradient[..., None])[..., 0]
-    lengths = np.linalg.norm(starts[:, None] - offsets, axis=2)
-    return float(np.median(np.abs(ranges - lengths), axis=1).min())
+    residuals = np.abs(ranges - np.linalg.norm(starts[:, None] - offsets, axis=2))
+    return np.asarray(residuals[np.argmin(np.median(residuals, axis=1))])
+
+
+def _range_error(trial: Trial) -> float:
+    """Median residual of the ranges along the vehicle's own course, in each stretch from the start
+    that fits them best [m]; NaN for few ranges.
+    """
+    rows, places, ranges = _horizontal_ranges(trial)
+    indices = rows.astype(np.int64)
+    offsets = places - _dead_reckoning(trial)[indices]
+    stretch = trial.stretch[indices]
+    residuals = [
+        _start_residuals(offsets[stretch == number], ranges[stretch == number])
+        for number, count in zip(*np.unique(stretch, return_counts=True), strict=True)
+        if count >= _MIN_OBSERVATIONS + 2
+    ]
+    return float(np.median(np.concatenate(residuals))) if residuals else math.nan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,9 +318,11 @@ def _time_candidates(values: Floats) -> list[str]:
 
 
 def _date_unit(time: float) -> str | None:
-    """The unit in which a time since 1970 is a date of this century; None if it is in none."""
+    """The unit in which a time since 1970 is a date of this century; None if it is in none. Days
+    are not considered: their numbers are as large as those of some hours in seconds.
+    """
     for unit, scale in TIME.units.items():
-        if _FIRST_DATE_S <= time * scale <= _LAST_DATE_S:
+        if scale <= 1.0 and _FIRST_DATE_S <= time * scale <= _LAST_DATE_S:
             return unit
     return None
 
@@ -348,6 +375,18 @@ def _preferred(columns: Columns, quantity: Quantity, bare: list[Column]) -> str 
     return quantity.si
 
 
+def _stretches(times: Floats) -> Ints:
+    """Number of the stretch between steps of the clock, or gaps, of each row, shape (n,), from 0
+    on; the same in any unit of the times, shape (n,).
+    """
+    spans = np.abs(np.diff(times))
+    # of more pauses, as between bursts of rows, the longest count
+    longest = np.argsort(spans)[-_MAX_STEPS:]
+    begins_stretch = np.zeros(times.size, dtype=np.int64)
+    begins_stretch[longest + 1] = spans[longest] > _MIN_STEP_INTERVALS * _interval(times)
+    return np.cumsum(begins_stretch)
+
+
 def _trial(
     columns: Columns, choice: UnitChoice, others: Mapping[str, str] = MappingProxyType({})
 ) -> Trial:
@@ -362,7 +401,7 @@ def _trial(
     leader_clock = None if timestamp is None or not timestamp.unit else si(timestamp)
     unit = others.get(TIME.name) or columns.time.unit or choice[TIME.name]
     time = columns.time.values * TIME.units[unit]
-    return Trial(time - time[0], fields, leader_clock)
+    return Trial(time - time[0], _stretches(columns.time.values), fields, leader_clock)
 
 
 def _unrefuted(columns: Columns, choices: list[UnitChoice]) -> tuple[list[UnitChoice], list[str]]:

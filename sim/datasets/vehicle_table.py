@@ -54,13 +54,19 @@ def _require_bounded(columns: Columns, unit: str) -> None:
 
 
 def _time_ns(columns: Columns, unit: str) -> Ints:
-    """Times of the rows; LaisnError if they lie before 1970, or are too large for their unit."""
+    """Times of the rows; LaisnError if they are too large for their unit."""
     _require_bounded(columns, unit)
     ns_per_unit = round(1e9 * TIME.units[unit])
-    times = np.rint(columns.time.values * ns_per_unit).astype(np.int64)
-    if times.min() < 0:
-        raise LaisnError(f"{columns.time.where}: times before 1970, or negative ones")
-    return times
+    return np.rint(columns.time.values * ns_per_unit).astype(np.int64)
+
+
+def _require_since_1970(columns: Columns, time_ns: Ints) -> None:
+    """LaisnError if corrected times lie before 1970."""
+    row = int(np.argmin(time_ns))
+    if time_ns[row] < 0:
+        raise LaisnError(
+            f"{columns.time.where}, row {row + 1}: times before 1970, or negative ones"
+        )
 
 
 def _si(
@@ -123,6 +129,7 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     )
     correct_steps_back(recording)
     correct_steps_forward(recording)
+    _require_since_1970(columns, recording.time)
     received_ns = reception_times(recording)
     time_ns = recording.time
     table = recording.columns

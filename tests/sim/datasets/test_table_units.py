@@ -169,6 +169,49 @@ def test_bare_times_are_in_the_unit_that_speeds_fit(
     assert sent == pytest.approx(read.time_ns[received] / 1e9)
 
 
+def stepped(path: Path, step: float, row: int) -> Path:
+    """A table whose recorder's clock, the first column, steps before a row, counted from 1."""
+    header, *lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines]
+    for cells in rows[row - 1 :]:
+        cells[0] = f"{float(cells[0]) + step:.15g}"
+    path.write_text("\n".join([header, *map(",".join, rows)]), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("step_s", [600.0, 1800.0, 3600.0, 86_400.0, 31_536_000.0, -3600.0])
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "s"), (1e3, "ms"), (1.0 / 86_400.0, "days")])
+def test_the_unit_of_bare_times_does_not_follow_from_steps_of_the_clock(
+    tmp_path: Path, step_s: float, scale: float, unit: str
+) -> None:
+    """The table is that without the step: 600 rows 0.1 s apart."""
+    scales = dict.fromkeys(CLOCKS, scale)
+    path = stepped(table(tmp_path, CLOCKS, scales), step_s * scale, row=303)
+    read = read_vehicle_table(path)
+    assert read.remarks[0] == f"time: time in {unit}, 59.9 s"
+    assert np.diff(read.time_ns) / 1e9 == pytest.approx(0.1, abs=1e-3)
+    assert not any("leader_speed: a current" in remark for remark in read.remarks)
+
+
+def test_a_step_of_the_clock_is_no_current_where_headers_state_the_units(tmp_path: Path) -> None:
+    read = read_vehicle_table(stepped(table(tmp_path, {}, {}), 3600.0, row=303))
+    assert not any("leader_speed" in remark and "times that" in remark for remark in read.remarks)
+
+
+def test_a_step_among_pauses_between_bursts_does_not_tell_the_unit(tmp_path: Path) -> None:
+    """A pause of 2 s after every 20 rows, and an hour's step in one of them."""
+    path = table(tmp_path, CLOCKS, {"time": 1.0}, rows=600)
+    for row in range(21, 600, 20):
+        stepped(path, 3600.0 if row == 301 else 2.0, row)
+    assert read_vehicle_table(path).remarks[0].startswith("time: time in s, ")
+
+
+def test_times_before_1970_are_refused_unless_a_step_explains_them(tmp_path: Path) -> None:
+    path = stepped(table(tmp_path, {}, {}), -1000.0, row=1)
+    with pytest.raises(LaisnError, match=r"column time \[s\], row 1: times before 1970"):
+        read_vehicle_table(path)
+
+
 def test_a_clock_since_the_start_of_a_computer_is_no_date(tmp_path: Path) -> None:
     """Three days in nanoseconds are as large a number as 1978 in microseconds."""
     scales = {"time": 1e9, "leader_timestamp": 1e9}
