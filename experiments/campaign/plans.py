@@ -25,6 +25,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import find
 from laisn.plugins import find_class
 from reports.bound import geometry_of, least_rms, noise_of
+from sim.scenario.class_keys import class_arguments
 from sim.scenario.file import assigned, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
@@ -141,13 +142,14 @@ def _disturbing(name: str) -> Any:
 
 def disturbance_of(table: Mapping[str, Any]) -> Disturbance | None:
     """The disturbance of a table, None of an empty one; LaisnError if the class, or an argument,
-    does not exist.
+    does not exist, or an argument is of another type.
     """
     if not table:
         return None
     name = str(table.get("use", ""))
-    arguments = {key: value for key, value in table.items() if key != "use"}
+    keys = {key: value for key, value in table.items() if key != "use"}
     kind = _disturbing(name)
+    arguments = class_arguments(kind, name, keys, "disturb")
     try:
         return kind(**arguments)
     except (TypeError, ValueError) as error:

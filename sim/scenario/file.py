@@ -18,7 +18,7 @@ from pydantic_core import to_json
 
 import models
 from laisn.errors import ROWS, LaisnError, LaisnWarning, printable, screenful, shortened
-from sim.scenario.section import PATTERNS, Because
+from sim.scenario.section import PATTERNS, Because, quoted_bool_hint
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf
 from sim.system import read_text
@@ -179,7 +179,8 @@ def _line(error: Mapping[str, Any]) -> str:
     if isinstance(value, dict | BaseModel) or error["type"] == "missing":
         return f"{key}: {message}"
     text = shortened(repr(value) if not isinstance(value, list | str) else repr(value[:80]), 80)
-    return f"{key}: {message} (given: {printable(text)}){_reason(error)}"
+    hint = quoted_bool_hint(value) if error["type"] == "bool_type" else ""
+    return f"{key}: {message} (given: {printable(text)}){_reason(error)}{hint}"
 
 
 def lines_of(error: ValidationError, where: Callable[[Location], str] = lambda _: "") -> list[str]:

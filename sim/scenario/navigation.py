@@ -30,6 +30,7 @@ from laisn.settings import (
     WaterBeaconSettings,
     transmitters_of,
 )
+from sim.scenario.class_keys import ClassValue, class_arguments
 from sim.scenario.links import LEADER_LINK, Offset
 from sim.scenario.section import (
     LIST_OR_TUPLE,
@@ -102,7 +103,7 @@ class Custom(Section):
 
     model_config = ConfigDict(extra="allow")
 
-    __pydantic_extra__: dict[str, bool | int | float | str]
+    __pydantic_extra__: dict[str, ClassValue]
 
 
 @with_fields_of(NavigationSettings, positive={"sigma_a0", "sigma_speed", "sigma_heading"})
@@ -203,17 +204,10 @@ class Navigation(FurtherKeys):
     def _custom_settings(
         self, settings_class: type[Settings], field_names: set[str], defaults: Mapping[str, Any]
     ) -> Settings:
-        section = in_si(self._section(), field_names)
-        unknown = set(section) - field_names
-        if unknown:
-            available = (
-                ", ".join(sorted(field_names - {field.name for field in fields(Settings)}))
-                or "none"
-            )
-            raise LaisnError(
-                f"navigation.custom: {self.variant} has no {', '.join(sorted(unknown))}; it has: "
-                f"{available}"
-            )
+        common = frozenset(field.name for field in fields(Settings))
+        section = class_arguments(
+            settings_class, self.variant, self._section(), "navigation.custom", hidden=common
+        )
         values = {
             name: value for name, value in {**defaults, **section}.items() if name in field_names
         }

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from sim.scenario.class_keys import ClassValue
 from sim.scenario.section import CUSTOM_CLASS, Section
 from sim.system import file_digest
 
@@ -82,7 +83,7 @@ class CustomKeys(Section):
 
     model_config = ConfigDict(extra="allow")
 
-    __pydantic_extra__: dict[str, bool | int | float | str]
+    __pydantic_extra__: dict[str, ClassValue]
 
 
 class CurrentSource(SeaFile):

@@ -114,8 +114,22 @@ def in_si(table: Mapping[str, Any], unconverted: Collection[str] = ()) -> dict[s
     for key, value in table.items():
         name, _, scale = (key, "", 1.0) if key in unconverted else split_unit(key)
         if value is not None:
-            converted[name] = value if scale == 1.0 else value * scale
+            converted[name] = value if scale == 1.0 else _scaled(value, scale)
     return converted
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    """A number, or all numbers of a list, in another unit."""
+    if isinstance(value, list | tuple):
+        return tuple(_scaled(member, scale) for member in value)
+    return value * scale
+
+
+def quoted_bool_hint(value: object) -> str:
+    """What to write in place of a text that means true or false in other languages; else empty."""
+    if isinstance(value, str) and value.lower() in ("true", "false"):
+        return f"; write {value.lower()}, without quotes and in lower case"
+    return ""
 
 
 def increasing(quantity: str, unit: str) -> AfterValidator:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, create_model, model_validator
 
+from sim.scenario.class_keys import ClassValue
 from sim.scenario.section import (
     LIST_OR_TUPLE,
     MAX_POINTS,
@@ -60,7 +61,7 @@ class CustomSensor(Section):
 
     model_config = ConfigDict(extra="allow")
 
-    __pydantic_extra__: dict[str, bool | int | float | str]
+    __pydantic_extra__: dict[str, ClassValue]
 
     sensor: str = Field(
         description="dvl, inverted-usbl, inclinometer, gyros, or class, as module:Class",

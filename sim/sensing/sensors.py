@@ -20,7 +20,6 @@ correlation time τ, exact at whatever instants it is read (Gelb, Applied Optima
     x(t_i) = a_i x(t_{i−1}) + √(1 − a_i²) n_i,    a_i = exp(−(t_i − t_{i−1}) / τ).
 """
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +36,7 @@ from laisn.navigators import MAX_RANGE, MAX_SPEED
 from laisn.plugins import find_class
 from laisn.swarm import READING
 from sim.attitude import Vector, body_point_in_world, heading_of, pitch_of, roll_of, rotated
+from sim.scenario.class_keys import class_arguments
 from sim.scenario.parts import SensingSettings
 from sim.scenario.section import in_si
 from sim.scenario.sensors import Acoustics, Sensors
@@ -747,16 +747,7 @@ SHIPPED: dict[str, type[Sensor]] = {
 def _made_sensor(table: Any) -> Any:
     """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
     sensor_class = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
-    fields = getattr(sensor_class, "__dataclass_fields__", ())
-    keys = in_si(table.model_extra or {}, fields)
-    unknown = [key for key in keys if fields and key not in fields]
-    if unknown:
-        close = difflib.get_close_matches(unknown[0], fields, n=1)
-        hint = f"did you mean {close[0]!r}? " if close else ""
-        raise LaisnError(
-            f"sensors.custom: {table.sensor} has no key {unknown[0]!r}; {hint}it has: "
-            f"{', '.join(fields)}"
-        )
+    keys = class_arguments(sensor_class, table.sensor, table.model_extra or {}, "sensors.custom")
     try:
         return sensor_class(**keys)
     except TypeError as error:

@@ -10,10 +10,10 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.plugins import calling, find_class
+from sim.scenario.class_keys import class_arguments
 from sim.scenario.parts import MissionPlan, SeaSettings, SoundSettings
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.sea_files import SeaFile
-from sim.scenario.section import in_si
 from sim.scenario.settings import OceanTable, Vehicle
 from sim.scenario.vehicle_routes import depth_profile_of, route_of
 from sim.system import file_digest
@@ -216,8 +216,8 @@ def _custom_current(ocean: OceanTable) -> CustomCaller | None:
     if current is None or current.model is None:
         return None
     current_class = find_class("current", current.model, "velocity")
-    fields = getattr(current_class, "__dataclass_fields__", ())
-    keys = in_si(current.custom.model_extra or {}, fields)
+    custom = current.custom.model_extra or {}
+    keys = class_arguments(current_class, current.model, custom, "ocean.current.custom")
     try:
         with calling(f"current {current.model}"):
             caller = CustomCaller(current_class(**keys))

@@ -108,11 +108,11 @@ def test_the_key_of_a_result_holds_the_source_of_its_navigator(folder: Path) -> 
         ({"navigation.variant": "laisn-4"}, "'beacons' or 'module:Class' of a plugin"),
         (
             {"navigation.custom.current_east_m_s": "fast"},
-            "navigation.custom.current_east: Input should be a valid number",
+            "navigation.custom.current_east_m_s: Input should be a valid number (given: 'fast'",
         ),
         (
             {"navigation.custom.curent_east_m_s": 1.0},
-            "has no curent_east; it has: current_east, current_north",
+            "has no key 'curent_east'; did you mean 'current_east'? it has: current_east,",
         ),
     ],
 )

@@ -25,7 +25,7 @@ from sim.flight import FlightRecord, navigate
 from sim.scenario.parts import sensing_of_each
 from sim.sensing.noise import STREAMS, normals
 from sim.sensing.sensor import Sensor
-from sim.sensing.sensors import custom_sensors
+from sim.sensing.sensors import InvertedUsblSensor, custom_sensors
 from sim.trajectory import Trajectory
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "extending.md"
@@ -261,7 +261,7 @@ class ByRows:
     """
 
     name = "bearing"
-    stream = 15
+    stream = 45
     acoustic = True
 
     sigma: float = float(np.deg2rad(1.0))
@@ -291,7 +291,11 @@ class ByReception:
 
 
 @pytest.mark.parametrize("position", ["truth", "estimate"])
-def test_sensors_of_earlier_versions_read_as_before(position: str) -> None:
+def test_sensors_of_earlier_versions_read_as_before(
+    position: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the same noise for both, so that their readings can be compared
+    monkeypatch.setattr(InvertedUsblSensor, "stream", ByRows.stream)
     keys = {"duration_s": 10.0, "followers.0.guidance_position": position}
     ByReception.azimuths.clear()
     by_old_interface = laisn_sim.fly(
@@ -339,6 +343,9 @@ WRONG_DECLARATIONS = {
     "period": ({"period": 0.25}, "no multiple of filter_step_s = 0.1"),
     "negative": ({"period": -1.0}, "expected seconds, 0 or more"),
     "stream": ({"stream": 64}, "stream = 64; expected 16 … 63"),
+    # the noise of the speed log, and of the last of the project's own sensors
+    "stream of the log": ({"stream": 0}, "stream = 0; expected 16 … 63"),
+    "stream of a shipped sensor": ({"stream": 15}, "stream = 15; expected 16 … 63"),
     "shape": ({"read": lambda self, true, draws: (1.0, 2.0)}, "for each of its channels .value."),
     "text": ({"true": lambda self, state, environment: "deep"}, "`true` gave 'deep'"),
     "scalar": ({"true": lambda self, state, environment: 1.0}, "`true` gave 1.0"),
