@@ -32,9 +32,7 @@ class Quantity:
         return next(iter(self.units))
 
 
-TIME = Quantity(
-    name="time", units={"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "days": 86400.0}
-)
+TIME = Quantity(name="time", units={"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "days": 86400.0})
 SPEED = Quantity(
     name="speed",
     units={

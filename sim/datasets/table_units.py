@@ -3,11 +3,11 @@ where these state none by physics.
 
 A choice of units gives every bare column, one without a unit in its header, a unit. It is refuted
 where the leader's course over ground, its way at its speed, its clock, or the vehicle's ranges
-along its own course fit another choice far better. Steps of the clock and gaps, which would change the way at a speed, are left out of what
-is compared. What then remains open is settled by the header
-of another column of the quantity, or by what is usual; otherwise the table is refused with the
-header that would settle it. So is a table that fits only if columns without a unit were in one that
-was not considered: speeds in km/h, lengths in feet.
+along its own course fit another choice far better. Steps of the clock and gaps, which would change
+the way at a speed, are left out of what is compared. What then remains open is settled by the
+header of another column of the quantity, or by what is usual; otherwise the table is refused with
+the header that would settle it. So is a table that fits only if columns without a unit were in one
+that was not considered: speeds in km/h, lengths in feet.
 """
 
 import math

@@ -21,10 +21,13 @@ from sim.water.field_files import (
     Source,
     VariableNames,
     axis_kind,
+    downward,
     find_variable,
     open_dataset,
+    other_quantities,
     seconds_from_start,
     units_of,
+    valid_values,
 )
 
 if TYPE_CHECKING:
@@ -69,6 +72,7 @@ CAST_QUANTITIES = {
             "speed of sound",
             ("speed_of_sound_in_sea_water",),
             ("sound_speed", "soundspeed", "speed_of_sound", "svel", "sv", "sound_velocity", "c"),
+            r".*(sound|acoustic)",
         ),
         _SPEED_UNITS,
     ),
@@ -77,6 +81,7 @@ CAST_QUANTITIES = {
             "conservative temperature",
             ("sea_water_conservative_temperature",),
             ("conservative_temperature", "ct"),
+            r".*conservative_temperature",
         ),
         _TEMPERATURE_UNITS,
     ),
@@ -85,18 +90,25 @@ CAST_QUANTITIES = {
             "potential temperature",
             ("sea_water_potential_temperature",),
             ("potential_temperature", "thetao", "votemper", "water_temp", "pt", "theta"),
+            r".*potential_temperature",
         ),
         _TEMPERATURE_UNITS,
     ),
     "temperature": CastQuantity(
         VariableNames(
-            "temperature", ("sea_water_temperature",), ("temperature", "temp", "t", "tem", "t90")
+            "temperature",
+            ("sea_water_temperature",),
+            ("temperature", "temp", "t", "tem", "t90"),
+            r"(?!.*(air|potential|conservative|wet_bulb|dew)).*temperature",
         ),
         _TEMPERATURE_UNITS,
     ),
     "absolute": CastQuantity(
         VariableNames(
-            "absolute salinity", ("sea_water_absolute_salinity",), ("absolute_salinity", "sa")
+            "absolute salinity",
+            ("sea_water_absolute_salinity",),
+            ("absolute_salinity", "sa"),
+            r".*absolute_salinity",
         ),
         _SALINITY_UNITS,
     ),
@@ -105,19 +117,36 @@ CAST_QUANTITIES = {
             "salinity",
             ("sea_water_practical_salinity", "sea_water_salinity"),
             ("practical_salinity", "salinity", "sal", "psal", "so", "vosaline", "s", "sp"),
+            r"(?!.*(absolute|preformed|reference)).*salinity",
         ),
         _SALINITY_UNITS,
     ),
     "density": CastQuantity(
-        VariableNames("density", ("sea_water_density",), ("density", "rho", "insitu_density")),
+        VariableNames(
+            "density",
+            ("sea_water_density",),
+            ("density", "rho", "insitu_density"),
+            r"(?!.*(potential|air|anomaly)).*density",
+        ),
         _DENSITY_UNITS,
     ),
     "pressure": CastQuantity(
-        VariableNames("pressure", ("sea_water_pressure",), ("pressure", "pres", "press", "p")),
+        VariableNames(
+            "pressure",
+            ("sea_water_pressure",),
+            ("pressure", "pres", "press", "p"),
+            r"(?!.*(air|atmosph|surface|partial)).*pressure",
+        ),
         _PRESSURE_UNITS,
     ),
     "depth": CastQuantity(
-        VariableNames("depth", ("depth",), ("depth", "z", "lev", "level", "deptht")), _DEPTH_UNITS
+        VariableNames(
+            "depth",
+            ("depth",),
+            ("depth", "z", "lev", "level", "deptht"),
+            r"(?!.*(floor|bottom|mixed)).*(depth|height|altitude)",
+        ),
+        _DEPTH_UNITS,
     ),
 }
 _LEVELS = ("depth", "pressure")
@@ -137,6 +166,7 @@ class CastValues:
     values: dict[str, Floats]  # shapes (n,), from the file's first depth on
     names: tuple[str, ...]  # of the variables or columns of the file
     place: str  # which of several columns of water it is, in words; "": the only one
+    remarks: tuple[str, ...]  # on what the file does not say, or contradicts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,6 +237,22 @@ def _chosen(
         if has_values(cast_index):
             return int(cast_index)
     raise source.error(f"none of the {len(nearest)} casts nearest to the origin has values")
+
+
+# units that are taken where a file states none; salinities need none
+_USUAL_UNITS = {
+    **dict.fromkeys(("conservative", "potential", "temperature"), "°C"),
+    "speed": "m/s",
+    "density": "kg/m³",
+    "pressure": "dbar",
+    "depth": "m",
+}
+
+
+def _without_units(key: str, name: str, units: str) -> list[str]:
+    """A remark on a quantity whose units are not stated."""
+    usual = _USUAL_UNITS.get(key)
+    return [f"{name} without units, taken as {usual}"] if usual and not units else []
 
 
 def _scaled(
@@ -340,6 +386,7 @@ def _values_of_table(source: Source, origin: FieldOrigin, profile: int | None) -
     cast_index = _chosen(source, places, origin, profile, lambda _: True)
     values: dict[str, Floats] = {}
     names = []
+    remarks = list[str]()
     for index, text in enumerate(header):
         key_and_unit = _quantity_of(text)
         if key_and_unit is None or key_and_unit[0] in values:
@@ -348,13 +395,14 @@ def _values_of_table(source: Source, origin: FieldOrigin, profile: int | None) -
         numbers = np.array([_number(source, row, index) for row in casts[cast_index]])
         values[key] = _scaled(source, f"column {text!r}", numbers, CAST_QUANTITIES[key], units)
         names.append(text.strip())
+        remarks += _without_units(key, text.strip(), units)
     if not values:
         expected = "'depth', 'temperature', 'salinity', or 'depth', 'sound_speed'"
         raise source.error(
             f"its header {','.join(header)!r:.80} has none of the columns {expected}"
         )
     place = _place_words(places, cast_index, origin, profile)
-    return CastValues(values=values, names=tuple(names), place=place)
+    return CastValues(values=values, names=tuple(names), place=place, remarks=tuple(remarks))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -465,21 +513,29 @@ def _values_of_dataset(source: Source, origin: FieldOrigin, profile: int | None)
         if not measured:
             raise source.error(
                 "it has no temperature, salinity or speed of sound by their usual names"
+                + other_quantities(dataset, [q.variable_names for q in CAST_QUANTITIES.values()])
             )
         most_dimensional = max(measured, key=lambda variable: variable.ndim)
         layout = _layout(source, dataset, most_dimensional, origin)
 
         def has_values(cast_index: int) -> bool:
-            return bool(np.isfinite(layout.values(source, most_dimensional, cast_index)).any())
+            values = layout.values(source, most_dimensional, cast_index)
+            return bool(np.isfinite(valid_values(source, most_dimensional, values, [])).any())
 
         cast_index = _chosen(source, layout.places, origin, profile, has_values)
         values = {}
+        taken = [str(variable.name) for variable in variables.values()]
+        left = dataset.drop_vars(taken)
+        not_taken = other_quantities(left, [q.variable_names for q in CAST_QUANTITIES.values()])
+        remarks = [f"not taken: {not_taken.removeprefix('; ')}"] if not_taken else []
         for key, variable in variables.items():
             numbers = layout.values(source, variable, cast_index)
+            numbers = valid_values(source, variable, numbers, remarks)
             units = units_of(variable)
             values[key] = _scaled(source, str(variable.name), numbers, CAST_QUANTITIES[key], units)
-            if key == "depth" and str(variable.attrs.get("positive", "")).lower() == "up":
-                values[key] = -values[key]
+            remarks += _without_units(key, str(variable.name), units)
+            if key == "depth":
+                values[key] = downward(source, variable, values[key], remarks)
     names = tuple(str(variable.name) for variable in variables.values())
     if len({numbers.size for numbers in values.values()}) > 1:
         raise source.error(f"its variables {', '.join(names)} have different numbers of depths")
@@ -487,4 +543,5 @@ def _values_of_dataset(source: Source, origin: FieldOrigin, profile: int | None)
         values=values,
         names=names,
         place=_place_words(layout.places, cast_index, origin, profile, layout.moment),
+        remarks=tuple(remarks),
     )

@@ -96,6 +96,7 @@ def _read_profile(
     )
     if cast_values.place:
         report += f"; {cast_values.place}"
+    report = "; ".join([report, *cast_values.remarks])
     if not present.all():
         report += f"; {rows - int(present.sum())} of {rows} rows lack numbers and are left out"
     return Cast(points=points, report=report)
@@ -123,14 +124,16 @@ def _by_depth(
         pressure = gsw.p_from_z(-depth, latitude)
     if quantity.key in values:
         return np.asarray(depth), values[quantity.key]
-    salinity, temperature = _salinity_and_temperature(source, values, pressure, origin, quantity)
+    salinity, temperature = _salinity_and_temperature(
+        source, cast_values, pressure, origin, quantity
+    )
     by_teos: Callable[..., Any] = gsw.sound_speed if quantity is _SPEED else gsw.rho
     return np.asarray(depth), np.asarray(by_teos(salinity, temperature, pressure))
 
 
 def _salinity_and_temperature(
     source: Source,
-    values: dict[str, Floats],
+    cast_values: CastValues,
     pressure: Floats,
     origin: FieldOrigin,
     quantity: _Profiled,
@@ -138,11 +141,15 @@ def _salinity_and_temperature(
     """Absolute salinity [g/kg] and conservative temperature [°C] of the rows of a cast."""
     import gsw
 
+    remarks = "".join(f"; {remark}" for remark in cast_values.remarks)
+    values = cast_values.values
     salinity = values.get("absolute")
     if salinity is None:
         practical = values.get("salinity")
         if practical is None:
-            raise source.error(f"it has no salinity, and no {quantity.title}; expected 'salinity'")
+            raise source.error(
+                f"it has no salinity, and no {quantity.title}; expected 'salinity'{remarks}"
+            )
         longitude_latitude = (origin.longitude_deg, origin.latitude_deg)
         salinity = gsw.SA_from_SP(practical, pressure, *longitude_latitude)
     if "conservative" in values:
@@ -153,6 +160,6 @@ def _salinity_and_temperature(
         temperature = gsw.CT_from_pt(salinity, values["potential"])
     else:
         raise source.error(
-            f"it has no temperature, and no {quantity.title}; expected 'temperature'"
+            f"it has no temperature, and no {quantity.title}; expected 'temperature'{remarks}"
         )
     return np.asarray(salinity), np.asarray(temperature)

@@ -1,9 +1,11 @@
 """Fields of the sea out of NetCDF files: currents and floors.
 
 Variables are found by their CF `standard_name`, then by the names of CMEMS and NEMO, HYCOM, GEBCO
-and plain ones. Places in degrees are projected about the mission's origin as `geodetic` of
-`sim.attitude` does; places in metres are about the origin as they are. Only the part of a file that
-a mission may need is read. The packages are those of the extra `fields`.
+and plain ones, unless their `standard_name` is that of another quantity. Values outside of their
+`valid_min`, `valid_max` or `valid_range` are missing ones. Places in degrees are projected about
+the mission's origin as `geodetic` of `sim.attitude` does; places in metres are about the origin as
+they are. Only the part of a file that a mission may need is read. The packages are those of the
+extra `fields`.
 """
 
 import re
@@ -40,7 +42,9 @@ _TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0,
 _TIME_UNITS |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
 _TIME_UNITS |= {"days": 86400.0}
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
-
+# floating-point numbers that a program did not write have 9.96921e36, and are missing (NetCDF)
+_FILLED = 9.9e36
+_VALID_TOLERANCE = 1e-6  # of a bound of valid values, which may be rounded
 
 _DATE_PARTS = ("year", "month", "day", "hour", "minute")
 _DATE = re.compile(
@@ -68,6 +72,12 @@ class VariableNames(NamedTuple):
     title: str  # in messages
     standard_names: tuple[str, ...]  # of CF
     names: tuple[str, ...]  # names of variables, in lower case
+    standard_pattern: str  # that a `standard_name` of a variable of such a name matches
+
+    def may_be(self, variable: "DataArray") -> bool:
+        """Whether the `standard_name` of a variable is none, or not that of another quantity."""
+        standard = standard_name_of(variable)
+        return not standard or re.match(self.standard_pattern, standard) is not None
 
 
 EASTWARD = VariableNames(
@@ -79,6 +89,7 @@ EASTWARD = VariableNames(
         "barotropic_eastward_sea_water_velocity",
     ),
     ("uo", "water_u", "u", "vozocrtx", "utotal", "ucur", "u_east"),
+    r"(?!.*(northward|y_velocity|upward)).*(sea_water.*velocity|current)",
 )
 NORTHWARD = VariableNames(
     "northward velocity",
@@ -89,9 +100,13 @@ NORTHWARD = VariableNames(
         "barotropic_northward_sea_water_velocity",
     ),
     ("vo", "water_v", "v", "vomecrty", "vtotal", "vcur", "v_north"),
+    r"(?!.*(eastward|x_velocity|upward)).*(sea_water.*velocity|current)",
 )
 UPWARD = VariableNames(
-    "upward velocity", ("upward_sea_water_velocity",), ("wo", "water_w", "w", "vovecrtz")
+    "upward velocity",
+    ("upward_sea_water_velocity",),
+    ("wo", "water_w", "w", "vovecrtz"),
+    r".*(upward|vertical).*sea_water.*velocity",
 )
 FLOOR_LEVEL = VariableNames(
     "elevation or depth of the floor",
@@ -107,25 +122,36 @@ FLOOR_LEVEL = VariableNames(
         "altitude",
     ),
     ("elevation", "depth", "deptho", "bathymetry", "topo", "z", "band1", "h", "mbathy"),
+    r"(?!.*(sea_surface_height|wave|thickness|mixed|level_number|air|cloud)).*"
+    r"(depth|bathymetry|altitude|height|elevation|topography)",
 )
 
+
+class _AxisNames(NamedTuple):
+    """What an axis may be called."""
+
+    title: str  # in messages
+    standard_names: tuple[str, ...]  # of CF
+    names: tuple[str, ...]  # in lower case
+
+
 _AXES = {
-    "X": VariableNames(
+    "X": _AxisNames(
         "longitude or east",
         ("longitude", "projection_x_coordinate"),
         ("lon", "longitude", "nav_lon", "x", "east", "easting"),
     ),
-    "Y": VariableNames(
+    "Y": _AxisNames(
         "latitude or north",
         ("latitude", "projection_y_coordinate"),
         ("lat", "latitude", "nav_lat", "y", "north", "northing"),
     ),
-    "Z": VariableNames(
+    "Z": _AxisNames(
         "depth",
         ("depth", "height", "altitude"),
         ("depth", "deptht", "depthu", "depthv", "lev", "level", "z", "height"),
     ),
-    "T": VariableNames("time", ("time",), ("time", "time_counter", "ocean_time", "t")),
+    "T": _AxisNames("time", ("time",), ("time", "time_counter", "ocean_time", "t")),
 }
 
 
@@ -231,13 +257,26 @@ def find_variable(dataset: "Dataset", quantity: VariableNames, *, coordinates: b
     variables = [dataset[name] for name in names]
     for standard_name in quantity.standard_names:
         for variable in variables:
-            if str(variable.attrs.get("standard_name", "")).lower() == standard_name:
+            if standard_name_of(variable) == standard_name:
                 return variable
     for usual_name in quantity.names:
         for variable in variables:
-            if str(variable.name).lower() == usual_name:
+            if str(variable.name).lower() == usual_name and quantity.may_be(variable):
                 return variable
     return None
+
+
+def other_quantities(dataset: "Dataset", quantities: Sequence[VariableNames]) -> str:
+    """Variables of the usual names of quantities whose `standard_name` is that of another one, as
+    the end of a message; "" if there are none.
+    """
+    others = [
+        f"{variable.name} has the standard_name {standard_name_of(variable)!r}"
+        for variable in dataset.data_vars.values()
+        for quantity in quantities
+        if str(variable.name).lower() in quantity.names and not quantity.may_be(variable)
+    ]
+    return "; " + ", ".join(dict.fromkeys(others)) if others else ""
 
 
 def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any:
@@ -249,13 +288,14 @@ def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any
     available = ", ".join(str(name) for name in dataset.data_vars) or "none"
     raise source.error(
         f"it has no {quantity.title}: expected {expected}; its variables: {available}"
+        f"{other_quantities(dataset, [quantity])}"
     )
 
 
 def axis_kind(coordinate: "DataArray") -> str:
     """X, Y, Z or T of a coordinate; "" if it is none of them."""
     units = units_of(coordinate)
-    standard = str(coordinate.attrs.get("standard_name", "")).lower()
+    standard = standard_name_of(coordinate)
     for kind, quantity in _AXES.items():
         if standard in quantity.standard_names:
             return kind
@@ -270,6 +310,95 @@ def axis_kind(coordinate: "DataArray") -> str:
     if axis in _AXES:
         return axis
     return "T" if " since " in units else ""
+
+
+def standard_name_of(variable: "DataArray") -> str:
+    """`standard_name` of a variable by CF, in lower case; "" if it has none."""
+    return str(variable.attrs.get("standard_name", "")).strip().lower()
+
+
+def _bounds_of(source: Source, variable: "DataArray", attribute: str) -> Floats:
+    """Numbers of an attribute `valid_…`, unpacked as the values of the variable are; empty without
+    it.
+    """
+    given = variable.attrs.get(attribute)
+    if given is None:
+        return np.empty(0)
+    try:
+        bounds = np.atleast_1d(np.asarray(given)).astype(np.float64)
+    except ValueError:
+        raise source.error(
+            f"{variable.name} has {attribute} = {given!r:.40}; expected numbers"
+        ) from None
+    packed_type = np.dtype(variable.encoding.get("dtype", np.float64))
+    # bounds of packed values are whole numbers as these are
+    if packed_type.kind in "iu" and np.asarray(given).dtype.kind in "iu":
+        scale = float(variable.encoding.get("scale_factor", 1.0))
+        bounds = scale * bounds + float(variable.encoding.get("add_offset", 0.0))
+    return bounds
+
+
+def valid_values(
+    source: Source, variable: "DataArray", values: Floats, remarks: list[str]
+) -> Floats:
+    """Values of a variable, NaN outside of its `valid_min`, `valid_max` or `valid_range` (CF 2.5.1)
+    and where nothing was written; `remarks` get how many these are.
+
+    FieldError if the bounds are no numbers.
+    """
+    ranged = _bounds_of(source, variable, "valid_range")
+    if ranged.size not in (0, 2):
+        raise source.error(f"{variable.name} has {ranged.size} numbers as valid_range; expected 2")
+    low, high = -np.inf, np.inf
+    if ranged.size:
+        low, high = float(ranged.min()), float(ranged.max())
+    least = _bounds_of(source, variable, "valid_min")
+    greatest = _bounds_of(source, variable, "valid_max")
+    if float(variable.encoding.get("scale_factor", 1.0)) < 0.0:
+        least, greatest = greatest, least
+    low = max([low, *least.tolist()])
+    high = min([high, *greatest.tolist()])
+    rounding = 0.5 * abs(float(variable.encoding.get("scale_factor", 0.0)))
+    is_invalid = (values < low - rounding - _VALID_TOLERANCE * abs(low)) if low > -np.inf else False
+    if high < np.inf:
+        is_invalid |= values > high + rounding + _VALID_TOLERANCE * abs(high)
+    if np.any(is_invalid):
+        least_and_greatest = [f"at least {low:.4g}"] if low > -np.inf else []
+        least_and_greatest += [f"at most {high:.4g}"] if high < np.inf else []
+        remarks.append(
+            f"{np.mean(is_invalid):.2g} of {variable.name} outside of its valid range "
+            f"({', '.join(least_and_greatest)}), missing"
+        )
+    return np.where(is_invalid | (np.abs(values) > _FILLED), np.nan, values)
+
+
+def downward(source: Source, variable: "DataArray", values: Floats, remarks: list[str]) -> Floats:
+    """Depths, positive down, of an axis of depths or heights [m]. Of numbers of one sign, whichever
+    it is, the magnitude is the depth; of both, `positive` or a `standard_name` of heights tells, or
+    else that there are more metres of water than above it. `remarks` get what is contradicted.
+
+    FieldError if `positive` contradicts numbers of both signs.
+    """
+    positive = str(variable.attrs.get("positive", "")).strip().lower()
+    if positive not in ("up", "down"):
+        positive = "up" if standard_name_of(variable) in ("height", "altitude") else ""
+    top = float(np.nanmax(values, initial=0.0))
+    bottom = float(np.nanmin(values, initial=0.0))
+    is_upward = -bottom > top
+    is_contradicted = positive == ("down" if is_upward else "up") and top != bottom
+    if is_contradicted and bottom < 0.0 < top:
+        raise source.error(
+            f"{variable.name} is {bottom:.4g} to {top:.4g} m, positive {positive}: most of it "
+            f"would be above the water; expected positive = {'up' if is_upward else 'down'!r}"
+        )
+    if is_contradicted:
+        sign = "negative" if is_upward else "positive"
+        remarks.append(
+            f"{variable.name} is {sign} though its positive is {positive!r}: taken as depths below "
+            "the surface"
+        )
+    # no negative zero
+    return (-values if is_upward else values) + 0.0
 
 
 def units_of(variable: "DataArray") -> str:
@@ -375,7 +504,7 @@ def _horizontal_axes(
     return _sorted(source, names[0], east), _sorted(source, names[1], north)
 
 
-def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
+def _depth_axis(source: Source, axes: dict[str, Any], remarks: list[str]) -> _Axis:
     """Depths, positive down [m]; one of 0 where a field has none."""
     if "Z" not in axes:
         return _Axis(np.zeros(1), np.zeros(1, dtype=np.int64))
@@ -384,9 +513,9 @@ def _depth_axis(source: Source, axes: dict[str, Any]) -> _Axis:
     if units and units not in _LENGTH_UNITS:
         raise source.error(f"{axis.name} has units {units!r}; expected metres of depth")
     value = np.atleast_1d(np.asarray(axis.values, dtype=np.float64)) * _LENGTH_UNITS.get(units, 1.0)
-    positive = str(axis.attrs.get("positive", "")).lower()
-    upward = positive == "up" or (positive != "down" and bool((value <= 0.0).all()))
-    return _sorted(source, str(axis.name), -value if upward else value)
+    if not units:
+        remarks.append(f"{axis.name} without units, taken as m")
+    return _sorted(source, str(axis.name), downward(source, axis, value, remarks))
 
 
 def _time_axis(source: Source, axes: dict[str, Any], origin: FieldOrigin, end_time: float) -> _Axis:
@@ -441,7 +570,11 @@ def _moment(source: Source, name: str, text: str) -> datetime:
 
 
 def _values(
-    source: Source, variable: "DataArray", axes: dict[str, _Axis], names: dict[str, str]
+    source: Source,
+    variable: "DataArray",
+    axes: dict[str, _Axis],
+    names: dict[str, str],
+    remarks: list[str],
 ) -> Floats:
     """Values of a variable on parts of its axes, shape (t, k, j, i); NaN where there are none."""
     orders = {names[kind]: axis.order for kind, axis in axes.items() if kind in names}
@@ -463,11 +596,14 @@ def _values(
         reason = str(error).partition("\n")[0]
         raise source.error(f"{variable.name} cannot be read: {reason:.200}") from error
     shape = [axis.value.size if kind in names else 1 for kind, axis in axes.items()]
-    return values.reshape(shape)
+    return valid_values(source, variable, values, remarks).reshape(shape)
 
 
-def _speed_scale(source: Source, variable: "DataArray") -> float:
-    units = " ".join(str(variable.attrs.get("units", "m s-1")).lower().split())
+def _speed_scale(source: Source, variable: "DataArray", remarks: list[str]) -> float:
+    units = " ".join(units_of(variable).split())
+    if not units:
+        remarks.append(f"{variable.name} without units, taken as m/s")
+        return 1.0
     if units not in _SPEED_UNITS:
         raise source.error(f"{variable.name} has units {units!r}; expected m s-1, or cm s-1")
     return _SPEED_UNITS[units]
@@ -508,7 +644,8 @@ def _read_current(
                 )
         names = {kind: str(axis.name) for kind, axis in grid_axes.items()}
         time = _time_axis(source, grid_axes, origin, region.end_time)
-        depth = _depth_axis(source, grid_axes)
+        remarks = list[str]()
+        depth = _depth_axis(source, grid_axes, remarks)
         east, north = _horizontal_axes(source, grid_axes, origin)
         _require_overlap(source, east, north, region)
         axes = {
@@ -521,12 +658,13 @@ def _read_current(
         # shape (t, k, j, i, 2 or 3), [m/s]
         velocity = np.empty((*(axis.value.size for axis in axes.values()), len(components)))
         for i, variable in enumerate(components):
-            scale = _speed_scale(source, variable)
-            velocity[..., i] = scale * _values(source, variable, axes, names)
+            scale = _speed_scale(source, variable, remarks)
+            velocity[..., i] = scale * _values(source, variable, axes, names, remarks)
     no_value: Bools = np.asarray(~np.isfinite(velocity).all(axis=(0, 4)))
     land: Bools = np.asarray(no_value.all(axis=0))
     if land.all():
-        raise source.error(f"{eastward.name} has no values about the mission: land, or no data")
+        problem = f"{eastward.name} has no values about the mission: land, or no data"
+        raise source.error("; ".join([problem, *remarks]))
     _fill(velocity, no_value)
     grid = CurrentGrid(
         time=axes["T"].value,
@@ -539,6 +677,7 @@ def _read_current(
     report = f"{_names_of(components)} {_extent(axes, names)}, up to {fastest:.3g} m/s"
     if land.any():
         report += f", {land.mean():.0%} land"
+    report = "; ".join([report, *remarks])
     return CurrentField(
         current=GriddedCurrent(grid),
         region=_covered(axes["X"], axes["Y"], region),
@@ -602,7 +741,9 @@ def _read_floor(
             "Y": north.part(region.south, region.north),
             "X": east.part(region.west, region.east),
         }
-        depth = _LENGTH_UNITS.get(units, 1.0) * _values(source, variable, axes, names)
+        remarks = [] if units else [f"{variable.name} without units, taken as m"]
+        values = _values(source, variable, axes, names, remarks)
+        depth = _LENGTH_UNITS.get(units, 1.0) * values
         if _is_upward(variable):
             depth = -depth
     missing = np.isnan(depth)
@@ -610,6 +751,7 @@ def _read_floor(
         raise source.error(
             f"{variable.name} has no value at {missing.mean():.1%} of its points about the "
             "mission; expected a depth or height everywhere, above zero on land"
+            + "".join(f"; {remark}" for remark in remarks)
         )
     if (depth <= 0.0).all():
         raise source.error(
@@ -623,6 +765,7 @@ def _read_floor(
     )
     if (depth <= 0.0).any():
         report += f", {(depth <= 0.0).mean():.0%} land"
+    report = "; ".join([report, *remarks])
     return FloorField(
         floor=GriddedFloor(axes["Y"].value, axes["X"].value, np.ascontiguousarray(depth)),
         region=_covered(axes["X"], axes["Y"], region),
@@ -635,7 +778,7 @@ def _is_upward(variable: "DataArray") -> bool:
     positive = str(variable.attrs.get("positive", "")).lower()
     if positive in ("up", "down"):
         return positive == "up"
-    standard = str(variable.attrs.get("standard_name", "")).lower()
+    standard = standard_name_of(variable)
     if standard:
         return "depth" not in standard
     return str(variable.name).lower() in ("elevation", "topo", "z", "band1")
