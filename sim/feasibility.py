@@ -63,7 +63,7 @@ from sim.tracking import HULL_RADIUS_M, closest_stations
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
 from sim.vehicle.effectors import fins_of
 from sim.vehicle.mjcf import SEA_WATER, spec_of, transmitter_places
-from sim.vehicle.own_hull import hull_errors
+from sim.vehicle.own_hull import gear_remarks, hull_errors
 from sim.vehicle.plant import Plant
 from sim.vehicle.solvers import direct_solver_error
 from sim.water.assembly import (
@@ -537,6 +537,9 @@ def cautions(scenario: Scenario) -> list[str]:
             remarks += assumption_cautions(sensing, scenario.navigation_of(i))
             remarks += ray_cautions(sensing.sound, sensing.sound_speed)
     remarks = [*dict.fromkeys(remarks)]
+    for key, vehicle in scenario.vehicles():
+        if vehicle.model:
+            remarks += [f"{key}.model: {remark}" for remark in gear_remarks(vehicle.model)]
     keeping = [
         scenario.navigation_of(i).variant
         for i, follower in enumerate(scenario.followers)

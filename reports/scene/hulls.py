@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sim import attitude
-from sim.vehicle.effectors import MovingFins, has_fin
+from sim.vehicle.effectors import MovingFins, has_fin, unit_gear
 from sim.vehicle.mjcf import numeric, spec_of
 
 _KINDS = {
@@ -75,7 +75,8 @@ def _propellers(model: mujoco.MjModel) -> list[dict[str, Any]]:
     for i in range(model.nu):
         name = model.actuator(i).name
         site = model.actuator_trnid[i, 0]
-        push = attitude.rotate(model.site_quat[site], model.actuator_gear[i, :3])
+        gear = unit_gear(model.actuator_gear[i])
+        push = attitude.rotate(model.site_quat[site], gear[:3])
         is_fin = has_fin(model, name)
         if is_fin or abs(push[0]) < _MIN_PUSH_ALONG or model.site_pos[site][0] > _ASTERN_M:
             continue

@@ -193,11 +193,12 @@ def read(model: mujoco.MjModel, vehicles: Sequence[VehicleIds]) -> npt.NDArray[n
                 )
             record["lag"] = model.actuator_dynprm[actuator, 0]
             record["limits"] = model.actuator_ctrlrange[actuator]
-            _place(record, model, site, model.actuator_gear[actuator])
             suffixes = [suffix for owner, suffix in numerics if owner == name]
             if len(suffixes) > 1:
                 suffixes_text = ", ".join(f".{suffix}" for suffix in suffixes)
                 raise LaisnError(f"actuator {name!r} has several of the numerics {suffixes_text}")
+            gear = model.actuator_gear[actuator]
+            _place(record, model, site, gear if has_fin(model, name) else unit_gear(gear))
             _fill(record, model, name, suffixes[0] if suffixes else "")
     return records
 
@@ -243,6 +244,26 @@ def _numerics(model: mujoco.MjModel) -> list[tuple[str, str]]:
         for owner, point, suffix in [inner.partition(".")]
         if point
     ]
+
+
+_GEAR_TOLERANCE = 1e-3  # of the length of a unit vector that is rounded
+
+
+def gear_length(gear: Floats) -> float:
+    """Length of the force of a gear, shape (6,), or of its torque where it has no force; 1 of a
+    unit vector that is rounded.
+    """
+    force_length = float(np.linalg.norm(gear[:3]))
+    length = force_length if force_length > 0.0 else float(np.linalg.norm(gear[3:]))
+    return 1.0 if abs(length - 1.0) <= _GEAR_TOLERANCE else length
+
+
+def unit_gear(gear: Floats) -> Floats:
+    """Direction that a gear says, shape (6,): its force, or else its torque, has the length 1, so
+    that the thrust of a state is that of the log, of limits and of power. Zero stays zero.
+    """
+    length = gear_length(gear)
+    return gear / length if length > 0.0 else gear
 
 
 def _place(record: Effector, model: mujoco.MjModel, site: int, gear: Floats) -> None:

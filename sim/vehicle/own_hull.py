@@ -141,6 +141,9 @@ def _actuator_faults(spec: mujoco.MjSpec) -> Iterator[str]:
         if not _NAME.fullmatch(actuator.name):
             name = f"<general name={actuator.name[:40]!r}>"
             yield f"{name}: an actuator's name has letters, digits and _, the first a letter"
+        if effectors.gear_length(np.asarray(actuator.gear)) == 0.0:
+            name = f"<general name={actuator.name[:40]!r}>"
+            yield f"{name}: gear must be a direction, as 1 0 0 0 0 0 ahead, and is zero"
     for actuator in spec.actuators:
         # attached to the sea, a hull would lose actuators without a site
         if actuator.trntype == mujoco.mjtTrn.mjTRN_SITE and spec.site(actuator.target) is None:
@@ -209,6 +212,18 @@ def _faults_when_compiled(text: str) -> Iterator[str]:
             "the body 'hull' must have simple=\"false\", so that the added mass fits into its "
             "inertia matrix"
         )
+
+
+def gear_remarks(text: str) -> list[str]:
+    """A line for each actuator of a hull, by its MJCF, whose gear is no unit vector and is taken as
+    the direction alone.
+    """
+    return [
+        f"<general name={actuator.name!r}>: gear has the length {length:.4g}; it is taken as a "
+        "direction, and ctrlrange as thrust [N]"
+        for actuator in mjcf.spec_of(text, with_geoms=False).actuators
+        if (length := effectors.gear_length(np.asarray(actuator.gear))) != 1.0
+    ]
 
 
 def hull_errors(text: str, role: str) -> list[str]:

@@ -182,6 +182,8 @@ def test_moments_of_thrusters_are_those_of_mujoco() -> None:
     mujoco.mju_sparse2dense(
         expected, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
     )
+    # gears are directions: of forces of 1 N
+    expected /= np.linalg.norm(model.actuator_gear[:, :3], axis=1)[:, None]
     moments = effectors.unit_wrenches(effectors.read(model, resolve(model, plant.names)))
     moments[..., :3] = attitude.rotate(pose[:, None, 3:], moments[..., :3])
     np.testing.assert_allclose(moments[0], expected[:5, :6], atol=1e-12)
