@@ -20,7 +20,7 @@ from laisn.arrays import Bools, Floats
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.plugins import calling, find_class, is_plugin_name
+from laisn.plugins import calling, find_class, is_loaded, is_plugin_name
 from laisn.settings import (
     LAISN_VARIANTS,
     NavigationSettings,
@@ -251,9 +251,26 @@ def find(name: str) -> NavigatorSpec:
         return NAVIGATORS[name]
     if not is_plugin_name(name):
         raise LaisnError(
-            f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin"
+            f"navigator {name!r}; available: {', '.join(NAVIGATORS)}, or MODULE:CLASS of a plugin "
+            "that --plugin FILE.py loads"
         )
     return _custom_spec(name)
+
+
+def is_known(name: str) -> bool:
+    """Whether `find` has the code of a navigator: it is one of this project, or its plugin is
+    loaded.
+    """
+    return name in NAVIGATORS or is_loaded(name)
+
+
+def title_of(name: str) -> str:
+    """What reports call a navigator. The class of a plugin is called by its name, so that the
+    plugin need not be loaded: "Class" of "module:Class", or "module" alone.
+    """
+    if is_known(name):
+        return find(name).title or name.upper()
+    return name.rpartition(":")[2]
 
 
 def spec_of(settings: Settings) -> NavigatorSpec:

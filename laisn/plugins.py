@@ -255,6 +255,13 @@ def is_plugin_name(name: str) -> bool:
     return module.isidentifier() and attribute.isidentifier() if colon else name in plugin_files()
 
 
+def is_loaded(name: str) -> bool:
+    """Whether `find_class` may look a name up: its plugin is loaded, or this process has registered
+    it.
+    """
+    return name in _REGISTERED or name.partition(":")[0] in plugin_files()
+
+
 def find_class(kind: str, name: str, method: str = "") -> Any:
     """A class of a plugin: "module:Class", or "module" alone for the only class of it that has the
     method; LaisnError, with the `kind` that it should be, if there is none.

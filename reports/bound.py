@@ -47,7 +47,7 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     """
     errors = navigated_errors_of(sensing, follower)
     assumed = in_si(dict(navigation.assume))
-    estimated = navigation.settings().estimated
+    estimated = navigation.estimated
     drift = navigation.assume.drift
     moves = sensing.sound.sea.ocean.has_current
     has_leader_heading_bias = (

@@ -13,7 +13,7 @@ from laisn.arrays import Bools, Floats
 from laisn.estimates import FIX_WORDS, FixKind
 from laisn.messages import Ranges
 from laisn.metrics import normalised_errors
-from laisn.navigators import find
+from laisn.navigators import title_of
 from laisn.spilled import release_mapped_memory
 from reports import flight_figures, style
 from reports.bound import flight_bounds
@@ -380,7 +380,7 @@ def leader_values(flight: FlightRecord, summary: Mapping[str, Any]) -> dict[str,
     legend = [(style.LEADER, "E_P of the leader"), (style.INK, "2σ by the filter")]
     return {
         "figure": Figures(panels=[figure], legend=legend),
-        "navigator": find(navigation.variant).title or navigation.variant.upper(),
+        "navigator": title_of(navigation.variant),
         "row": summary["leader"],
     }
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from laisn.navigators import find
+from laisn.navigators import title_of
 from reports.flight_figures import ON_AXIS_DEG
 from reports.page import Tile
 from reports.verdict import Verdict
@@ -59,7 +59,7 @@ def navigators(flight: FlightRecord) -> str:
     words = []
     for i in range(len(scenario.followers)):
         navigation = scenario.navigation_of(i)
-        title = find(navigation.variant).title or navigation.variant.upper()
+        title = title_of(navigation.variant)
         words.append(f"{title} on {navigation.transmitters} transmitters")
     distinct = list(dict.fromkeys(words))
     return " and ".join(filter(None, [", ".join(distinct[:-1]), distinct[-1]]))

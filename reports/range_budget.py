@@ -14,7 +14,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints, freeze_arrays
 from laisn.messages import LeaderMessage
 from sim import attitude
-from sim.flight import FlightRecord, navigation_settings
+from sim.flight import FlightRecord
 from sim.scenario.parts import SensingSettings
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
@@ -125,7 +125,7 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
 
     length = of_received(sound.arrival.length)
     message = dict(zip(LeaderMessage._fields, measurements.message[measured_row].T, strict=True))
-    height = navigation_settings(scenario, trajectory.sites, follower).hydrophone_height
+    height = flight.assumed_hydrophone_height(follower + 1)
     measured_difference = message["depth"] - (
         measurements.depth[measurements.message_step[measured_row] - 1] - height
     )

@@ -108,6 +108,15 @@ class FlightRecord:
         name = self.trajectory.names[follower + 1]
         return self.trajectory.site_path(f"{name}/hydrophone", self.step_index())
 
+    def assumed_hydrophone_height(self, vehicle: int) -> float:
+        """How much higher the navigator of a vehicle, 0 for the leader, assumes the hydrophone than
+        the depth sensor [m]. Its code is not imported: it may be in a plugin that is not loaded.
+        """
+        of_hull = _hydrophone_height(self.trajectory.sites, self.trajectory.names[vehicle])
+        own = self.scenario.leader.navigation
+        navigation = self.scenario.navigation_of(vehicle - 1) if vehicle else own
+        return of_hull if navigation is None else navigation.hydrophone_height(of_hull)
+
     def leader_position(self) -> Floats:
         """True position of what a leader estimates that navigates at filter steps: its hydrophone,
         or the origin of its hull if it has none; shape (n, 3), [m].
@@ -164,9 +173,7 @@ def settings_of(
     `navigation_settings`.
     """
     sound = sensing.acoustics
-    height = navigation.hydrophone_height_m
-    if height is None:
-        height = _hydrophone_height(sites, name)
+    height = navigation.hydrophone_height(_hydrophone_height(sites, name))
     positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
     assumed_sound_speed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
     # in the leader's hull, with heights from its pressure sensor, by which its depth is broadcast
@@ -175,7 +182,7 @@ def settings_of(
     values: dict[str, Any] = {
         "transmitter_offsets": navigation.transmitters_m,
         "dt": sensing.links.filter_step_s,
-        "hydrophone_height": float(height),
+        "hydrophone_height": height,
         "use_attitude": navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
         "sound_slowness": 1.0 / assumed_sound_speed if sound.travel_time else 0.0,

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from laisn import plugins
-from laisn.plugins import PLUGINS_VARIABLE, plugin_files
+from tests.without_plugins import without_plugins
 
 # Compiling on first use takes longer than any deadline. Every run tries the same examples, so that
 # a test that passes today passes tomorrow; `make fuzz` looks for others, and what it finds becomes
@@ -109,15 +108,7 @@ def pytest_unconfigure() -> None:
 
 
 @pytest.fixture
-def no_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """No plugin is registered when a test starts; those that it loads are forgotten after it."""
-    # set first, so that it is removed afterwards also if it was not there before
-    monkeypatch.setenv(PLUGINS_VARIABLE, "")
-    monkeypatch.delenv(PLUGINS_VARIABLE)
-    monkeypatch.setattr(plugins, "_REGISTERED", {})
-    path, modules = list(sys.path), set(sys.modules)
-    yield
-    for file in plugin_files().values():
-        if file.stem not in modules:
-            sys.modules.pop(file.stem, None)
-    sys.path[:] = path
+def no_plugins() -> Iterator[None]:
+    """No plugin is loaded when a test starts; those that it loads are forgotten after it."""
+    with without_plugins():
+        yield

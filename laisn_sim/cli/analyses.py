@@ -13,7 +13,7 @@ import typer
 
 from laisn.errors import COLUMNS, ROWS, LaisnError, printable, shortened
 from laisn_sim.cli.outputs import optional_output
-from laisn_sim.cli.studies import ScenarioArgument, SetOption, SourceArgument
+from laisn_sim.cli.studies import PluginOption, ScenarioArgument, SetOption, SourceArgument
 
 if TYPE_CHECKING:
     from experiments.campaign.store import Record
@@ -26,6 +26,7 @@ _QUARTERS = 4
 def bound(
     scenario: ScenarioArgument,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     runs: Annotated[
         int, typer.Option(min=0, max=1_000_000, help="also run the navigator this many times")
     ] = 0,
@@ -103,6 +104,7 @@ def records(flight: "FlightRecord") -> "Iterator[Record]":
 def range_budget(
     source: SourceArgument,
     set_: SetOption = None,
+    _plugin: PluginOption = None,
     out: Annotated[
         Path | None, typer.Option(help="write all shares of every ping to this .csv or .parquet")
     ] = None,

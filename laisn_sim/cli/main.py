@@ -336,6 +336,7 @@ def replay(
 @app.command()
 def view(
     log: LogArgument,
+    _plugin: studies.PluginOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.html", help="the page (default: out/view/LOG.html)")
     ] = None,
@@ -402,6 +403,7 @@ def log_export(
     gltf: Annotated[
         bool, typer.Option("--gltf", help="write an animated scene for Blender (.glb) instead")
     ] = False,
+    _plugin: studies.PluginOption = None,
 ) -> None:
     """Export every numeric channel as a table, or a flight as a recording for Rerun, as factor
     graphs, as a ROS 2 bag, as trajectories for evo, or as an animated scene.

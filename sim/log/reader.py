@@ -339,7 +339,7 @@ def read(path: Path | str) -> FlightRecord:
         facts = log.metadata[FLIGHT]
         text = log.attachments[SCENARIO].decode()
         scenario = scenario_file.validate(
-            scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}"
+            scenario_file.parse(text, SCENARIO), f"{path}, {SCENARIO}", stored=True
         )
         clock = Clock(scenario.epoch)
         dt = scenario.timing.filter_step_s

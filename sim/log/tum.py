@@ -10,7 +10,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Ints
 from sim import attitude
-from sim.flight import FlightRecord, navigation_settings
+from sim.flight import FlightRecord
 from sim.log.reader import read
 from sim.log.schema import Clock
 from sim.system import atomic_write
@@ -23,9 +23,8 @@ def estimated_poses(flight: FlightRecord, follower: int) -> tuple[Floats, Floats
     The depth is measured, too.
     """
     measurements = flight.measurements[follower]
-    settings = navigation_settings(flight.scenario, flight.trajectory.sites, follower)
-    height = settings.hydrophone_height - measurements.last_depth
-    position = np.column_stack([flight.estimates[follower].state[:, :2], height])
+    up = flight.assumed_hydrophone_height(follower + 1) - measurements.last_depth
+    position = np.column_stack([flight.estimates[follower].state[:, :2], up])
     return position, attitude.from_euler(measurements.heading)
 
 

@@ -18,6 +18,7 @@ from pydantic_core import to_json
 
 import models
 from laisn.errors import ROWS, LaisnError, LaisnWarning, printable, screenful, shortened
+from sim.scenario.navigation import STORED
 from sim.scenario.section import PATTERNS, Because, quoted_bool_hint
 from sim.scenario.settings import KEYS_ALONE, Scenario
 from sim.scenario.vehicles import is_mjcf
@@ -421,13 +422,16 @@ def scenario_or_errors(
     table: dict[str, Any],
     further: Callable[[Scenario], Iterable[str]] = lambda _: (),
     where: Callable[[Location], str] = lambda _: "",
+    *,
+    stored: bool = False,
 ) -> tuple[Scenario | None, list[str]]:
     """The scenario, None if a key is invalid, and a line for each error; arguments as of
     `validate`.
     """
+    context = {**KEYS_ALONE, **STORED} if stored else KEYS_ALONE
     try:
         renamed = to_json(_with_new_names(table))
-        scenario = Scenario.model_validate_json(renamed, context=KEYS_ALONE)
+        scenario = Scenario.model_validate_json(renamed, context=context)
     except ValidationError as error:
         return None, lines_of(error, where)
     return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
@@ -438,18 +442,21 @@ def validate(
     source: str,
     further: Callable[[Scenario], Iterable[str]] = lambda _: (),
     where: Callable[[Location], str] = lambda _: "",
+    *,
+    stored: bool = False,
 ) -> Scenario:
     """A scenario from a table of keys; ScenarioError with a line for every error, as many as a
     screen holds.
 
     `source` is the name of the file, for messages; `further` lists more errors of a scenario whose
-    keys are valid, as `sim.feasibility` does; `where` is as of `lines_of`.
+    keys are valid, as `sim.feasibility` does; `where` is as of `lines_of`. One that is `stored`
+    with a flight may name plugins that are not loaded.
     """
     try:
         values = plain_values(table)
     except ScenarioError as error:
         raise ScenarioError(f"{source}: 1 error\n  {error}") from None
-    scenario, lines = scenario_or_errors(values, further, where)
+    scenario, lines = scenario_or_errors(values, further, where, stored=stored)
     if lines or scenario is None:
         head = f"{source}: {len(lines)} error{'s' if len(lines) != 1 else ''}"
         raise ScenarioError("\n".join(screenful([head, *lines])))

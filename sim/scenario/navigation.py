@@ -12,12 +12,13 @@ from pydantic import (
     Field,
     TypeAdapter,
     ValidationError,
+    ValidationInfo,
     WithJsonSchema,
     field_validator,
 )
 
 from laisn.errors import LaisnError
-from laisn.navigators import CUSTOM_SECTION, NAVIGATORS, find
+from laisn.navigators import CUSTOM_SECTION, NAVIGATORS, find, is_known
 from laisn.plugins import is_plugin_name
 from laisn.settings import (
     LAISN_VARIANTS,
@@ -43,6 +44,8 @@ from sim.scenario.section import (
 )
 
 _TYPICAL_SOUND_M_S = 1500.0
+STORED = {"plugins": "not loaded"}
+"""Context of the validation of what was flown: its plugins need not be loaded."""
 
 SettingsClass = TypeVar("SettingsClass")
 
@@ -161,6 +164,20 @@ class Navigation(FurtherKeys):
             else transmitters_of(self.variant)
         )
 
+    @property
+    def estimated(self) -> frozenset[str]:
+        """Constants that the navigator estimates beside biases of its own sensors, as of
+        `Settings.estimated`; none of a class in a plugin that is not loaded, as a log may name.
+        """
+        return self.settings().estimated if is_known(self.variant) else frozenset()
+
+    def hydrophone_height(self, of_hull: float) -> float:
+        """How much higher the navigator assumes the hydrophone than the depth sensor [m]: as the
+        hull has it, unless a key states another; its code is not imported.
+        """
+        stated = in_si(self._section()).get("hydrophone_height", self.hydrophone_height_m)
+        return of_hull if stated is None else float(stated)
+
     def _section(self) -> dict[str, Any]:
         """Keys that belong to the navigator alone; its code is not imported."""
         names = (
@@ -220,8 +237,10 @@ class Navigation(FurtherKeys):
 
     @field_validator("variant")
     @classmethod
-    def _known(cls, name: str) -> str:
-        if name not in NAVIGATORS and not is_plugin_name(name):
+    def _known(cls, name: str, info: ValidationInfo) -> str:
+        # "module" stands for the only navigator of a plugin, which was loaded when it was flown
+        is_stored = STORED.items() <= (info.context or {}).items() and name.isidentifier()
+        if name not in NAVIGATORS and not is_stored and not is_plugin_name(name):
             close = difflib.get_close_matches(name.lower(), NAVIGATORS, n=1, cutoff=0.6)
             hint = f"; did you mean {close[0]!r}?" if close else ""
             names = ", ".join(map(repr, NAVIGATORS))

@@ -358,7 +358,9 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _is_consistent(self, info: ValidationInfo) -> Self:
-        errors = [] if info.context == KEYS_ALONE else self.inconsistencies()
+        errors = (
+            [] if KEYS_ALONE.items() <= (info.context or {}).items() else self.inconsistencies()
+        )
         if errors:
             raise ValueError("; ".join(errors))
         return self

@@ -5,7 +5,8 @@ How blocks are tried, document by document, in an empty folder:
 - toml: saved under the name in its first line.
 - python: run in one namespace per document; what begins with the name of a file of `laisn` is a
   change of it, which `tests/laisn/test_extending.py` makes in a copy.
-- bash: `laisn` and `python` lines are run, in this process. Missions are cut to 20 s (`--set
+- bash: `laisn` and `python` lines are run, in this process, each command without the plugins of
+  those before it. Missions are cut to 20 s (`--set
   duration_s=20` for scenarios), films are left out, and stills are taken at 10 s, of which the
   first of a document is rendered; of a scenario's flights the first has its report drawn. Studies
   of a file are cut to 20 s, two realizations and two runs; of the others only their help, which
@@ -37,6 +38,7 @@ from sim.scenario.file import parse, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.tracking import track_errors
+from tests.without_plugins import without_plugins
 from tools.documents import markers, route_keeping
 from tools.documents import scenario_reference as reference
 from tools.documents.tables import TRACKED
@@ -133,7 +135,7 @@ def run_laisn(words: list[str], already_drawn: set[str]) -> None:
         return
     if words[0] == "render" and "--still" not in words:
         words = [*words, "--still", "10", "--out", "film.png"]
-    with pytest.MonkeyPatch.context() as patch:
+    with without_plugins(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(flight_report, "DRAWN_FOLLOWERS", 2)
         if words[0] in already_drawn:
             skip_rendering(patch)

@@ -26,6 +26,7 @@ from tests.system.test_docs import (
     inline_commands,
     run_python,
 )
+from tests.without_plugins import without_plugins
 
 OWN_DATA = ROOT / "docs" / "own-data.md"
 GUIDES = [document for document in DOCUMENTS if document.name != "CHANGELOG.md"]
@@ -114,7 +115,8 @@ def run_as_typed(words: list[str]) -> None:
     if program == "python":
         run_python(rest)
     elif program == "laisn":
-        result = CliRunner().invoke(app, rest)
+        with without_plugins():
+            result = CliRunner().invoke(app, rest)
         assert result.exit_code == 0, f"laisn {shlex.join(rest)}\n{result.output}"
         if target:
             Path(target).write_text(result.stdout, encoding="utf-8")
