@@ -705,6 +705,17 @@ def simulate_motion(
     return fly_mission(motion, mission, progress)
 
 
+def starts_of(motion: MotionSettings, transmitter_keys: Leader) -> Trajectory:
+    """Two control steps of vehicles as points along their routes, for their starts and sites:
+    whatever steers them after that, also what is sensed under way.
+
+    Transmitters are as of `setups_of`; LaisnError if a route cannot be flown, or the sea is none.
+    """
+    routes = routes_of(motion.plan)
+    plant = plant_of(motion, routes, transmitter_keys)
+    return simulate_points(motion.plan.names, routes, 2.0 * CONTROL_STEP_S, plant)
+
+
 def require_open_loop(name: str, keys: Sequence[str]) -> None:
     """LaisnError naming a scenario and the first of its keys that need a closed loop, if any."""
     if keys:

@@ -26,8 +26,9 @@ from laisn.metrics import bearing_errors, normalised_square, position_errors, re
 from laisn.navigators import find
 from reports.intervals import Interval, mean_interval
 from sim.flight import navigation_settings
+from sim.scenario.parts import MotionSettings
 from sim.sensing.observation import start_of
-from sim.simulation import simulate_motion
+from sim.simulation import starts_of
 
 LONGEST_GAP_S = 10.0
 """Estimates farther apart than this say nothing of the time between them [s]."""
@@ -330,15 +331,13 @@ def navigate(
         task = folder / TASKS / f"{run.mission}.toml"
         assignments = [f"navigation.variant={navigator}", *changes]
         scenario = load_scenario(str(task), assignments, flyable=True)
-        # two steps are enough for the starts of the routes
-        short = {"motion": "kinematic", "duration_s": 2.0 * scenario.timing.filter_step_s}
-        first_steps = simulate_motion(scenario.model_copy(update=short))
-        follower = first_steps.names[1:].index(run.follower)
+        motion = starts_of(MotionSettings.of(scenario), scenario.leader)
+        follower = motion.names[1:].index(run.follower)
         measurements = read_measurements(_path(folder, MEASUREMENTS, run))
         settings = replace(
-            navigation_settings(scenario, first_steps.sites, follower), dt=measurements.dt
+            navigation_settings(scenario, motion.sites, follower), dt=measurements.dt
         )
-        instance = find(navigator).make(settings, start_of(first_steps, follower))
+        instance = find(navigator).make(settings, start_of(motion, follower))
         yield run, _timed(instance, measurements)
 
 

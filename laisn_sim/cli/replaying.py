@@ -32,8 +32,9 @@ from sim.flight import FlightRecord, navigation_settings, settings_as
 from sim.log.contents import Contents
 from sim.log.reader import read, read_recording
 from sim.scenario.file import values_of
+from sim.scenario.parts import MotionSettings
 from sim.sensing.observation import start_of
-from sim.simulation import simulate_motion
+from sim.simulation import simulate_motion, starts_of
 
 _LARGE = 1e5  # errors beyond this are printed by their order of magnitude [m]
 
@@ -98,9 +99,7 @@ def replay_measurements(
     navigations = [scenario.navigation, *(f.navigation for f in scenario.followers)]
     if all(n is None or "use_single_range" not in n.model_fields_set for n in navigations):
         scenario = scenario.with_navigation(use_single_range=True)
-    # two steps are enough for the starts of the routes
-    two_steps = {"motion": "kinematic", "duration_s": 2 * scenario.timing.filter_step_s}
-    motion = simulate_motion(scenario.model_copy(update=two_steps))
+    motion = starts_of(MotionSettings.of(scenario), scenario.leader)
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows = list[list[str]]()
     remarks = list[str]()

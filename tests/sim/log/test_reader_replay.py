@@ -415,6 +415,56 @@ def test_a_real_vehicles_log_is_replayed_by_command(
     assert float(rows[-1]["y_m"]) == pytest.approx(-18.0, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    "further",
+    [
+        '[[followers]]\nname = "auv"\nguidance_position = "estimate"\nWAY',
+        '[[followers]]\nname = "auv"\nWAY\n[leader.navigation]\nvariant = "beacons"\nlink = "lbl"\n'
+        "[[links]]\nname = 'lbl'\nbeacons_m = [[0, 0, 5], [9, 0, 5], [0, 9, 5]]\n",
+        '[[followers]]\nname = "auv"\nWAY\n[[links]]\nname = "answer"\nsender = "auv"\n'
+        'answers = "leader"\nreceivers = ["leader"]\ntransmitters_m = [[0, 0, 0.1]]\n',
+    ],
+)
+def test_keys_of_closed_loops_do_not_change_a_replay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, further: str
+) -> None:
+    """Of the scenario only names, starts and navigation count."""
+    monkeypatch.chdir(tmp_path)
+    write_vehicle_log(tmp_path / "auv.mcap", speed=1.0)
+    way = "waypoints = [[0, 5, -20], [20, 5, 0]]\n"
+    leader = "[leader]\nhydrophone_m = [0, 0, 0.1]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n"
+    tables = {"plain": '[[followers]]\nname = "auv"\nWAY', "closed": further}
+    for name, table in tables.items():
+        sound = "[acoustics]\ntravel_time = true\n"
+        text = f"duration_s = 20\n{sound}{leader}{table.replace('WAY', way)}"
+        Path(f"{name}.toml").write_text(text, encoding="utf-8")
+        arguments = ["replay", "auv.mcap", "--scenario", f"{name}.toml", "--out", f"{name}.csv"]
+        result = CliRunner().invoke(app, [*arguments, "--variant", "ekf"])
+        assert result.exit_code == 0, result.output
+    assert Path("closed.csv").read_bytes() == Path("plain.csv").read_bytes()
+
+
+def test_a_replay_of_a_vehicle_on_a_station_begins_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Dead reckoning north at 1 m/s from 10 m behind and 5 m to port of a leader that heads north
+    at the origin: 40 steps of 0.05 s are 2 m.
+    """
+    monkeypatch.chdir(tmp_path)
+    write_vehicle_log(tmp_path / "auv.mcap", speed=1.0)
+    Path("station.toml").write_text(
+        "duration_s = 20\n[leader]\nwaypoints = [[0, 0, 0], [20, 0, 20]]\n[[followers]]\nname = "
+        '"auv"\nstation = { behind_m = 10.0, port_m = 5.0, depth_m = 10.0 }\n',
+        encoding="utf-8",
+    )
+    arguments = ["replay", "auv.mcap", "--scenario", "station.toml", "--out", "a.csv"]
+    result = CliRunner().invoke(app, [*arguments, "--variant", "dead-reckoning"])
+    assert result.exit_code == 0, result.output
+    last = list(csv.DictReader(Path("a.csv").read_text("utf-8").splitlines()))[-1]
+    assert float(last["x_m"]) == pytest.approx(-5.0, abs=1e-6)
+    assert float(last["y_m"]) == pytest.approx(-8.0, abs=1e-6)
+
+
 def test_a_navigator_that_diverges_is_an_error_of_the_input(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
