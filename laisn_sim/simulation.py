@@ -284,10 +284,11 @@ class Simulation:
     def _instants_of(duration: float | None) -> int:
         if duration is None:
             return 1
-        instants = round(duration / TICK) if np.isfinite(duration) else 0
+        is_time = isinstance(duration, int | float | np.number) and np.isfinite(duration)
+        instants = round(duration / TICK) if is_time else 0
         if instants < 1 or abs(instants * TICK - duration) > _SAME_TIME:
             raise LaisnError(
-                f"duration is {duration} s, expected a positive multiple of {TICK:g} s"
+                f"duration is {duration!r} s, expected a positive multiple of {TICK:g} s"
             )
         return instants
 

@@ -3,6 +3,7 @@ log.
 """
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -18,6 +19,7 @@ from experiments.campaign.store import write_csv
 from experiments.flight.fly import navigate_again
 from experiments.flight.library import load_scenario
 from experiments.flight.results import log_flight
+from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, NavigatorFactory, find
 from laisn.settings import NavigationSettings, TightSettings
@@ -114,6 +116,9 @@ def replay_measurements(
             estimates = factory(settings, start_of(motion, i)).run(measurements)
         except ArithmeticError as error:
             raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
+        except LaisnError as error:
+            when = _time_of_step(str(error), measurements.time)
+            raise LaisnError(f"{path}: {name}: {when}{error}") from error
         baseline = scenario.leader.baseline_m or math.nan
         vehicle = Replayed(
             name=name, measurements=measurements, estimates=estimates, baseline=baseline
@@ -132,6 +137,16 @@ def replay_measurements(
         vehicles.append(vehicle)
     show_table(Console(), heads, rows)
     _write_replay(vehicles, path, scenario.variants, list(dict.fromkeys(remarks)), output)
+
+
+def _time_of_step(text: str, times: Floats) -> str:
+    """When the step is that an error of a navigator begins with, for a message; "" if it names
+    none. Times are of the steps, shape (n,), [s].
+    """
+    step = re.match(r"step (\d+):", text)
+    if step is None or not 1 <= int(step[1]) <= times.size:
+        return ""
+    return f"{times[int(step[1]) - 1]:g} s after the start, "
 
 
 def _write_replay(

@@ -18,11 +18,12 @@ from sim.datasets.field_map import (
     GeodeticOrigin,
     require_complete,
 )
-from sim.datasets.range_data import LARGEST_NUMBER, parse_numbers
+from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
     Column,
     Columns,
     cells_of,
+    column_numbers,
     quantity_of,
     times_of,
 )
@@ -179,7 +180,7 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
         cells = [word if is_read else "" for word, is_read in zip(words(entry), mask, strict=True)]
         # a bound in seconds holds once the unit is known
         largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
-        raw[field] = parse_numbers(cells, f"{path}, column {entry.column}", largest)
+        raw[field] = column_numbers(cells, f"{path}, column {entry.column}", largest)
     origin = _origin(field_map, raw)
     fields = dict[str, Column]()
     for field, values in raw.items():

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints, freeze_arrays
-from laisn.errors import LaisnError
+from laisn.errors import LaisnError, printable, shortened
 from sim.system import background_process, read_text
 
 # larger files are refused [bytes]; a table takes 20 times its size in memory
@@ -39,6 +39,7 @@ _LONGEST_LEG_S = 5.0
 _COLUMNS = {"DR": 3, "TD": 4, "TL": 3, "GT": 4, "DRp": 4}  # columns of each table
 _NEEDED = ("DR", "TD", "TL")
 _NODES = {"TD": [1, 2], "TL": [0]}  # columns of tables that hold numbers of nodes
+_MAX_CHARACTERS = 40  # characters of a word that messages show
 _MAX_NUMBERS = 10_000_000  # in all tables; a compressed file of few bytes may state any number
 _TEXT = re.compile(r"(.*)_DR\.(txt|csv)")
 
@@ -55,10 +56,14 @@ def parse_numbers(words: Iterable[str], where: str, largest: float = LARGEST_NUM
     """The numbers that words stand for, NaN where they are empty; LaisnError naming the first
     that is none.
     """
-    try:
-        values = np.array([float(word) if word.strip() else np.nan for word in words])
-    except ValueError as error:
-        raise LaisnError(f"{where}: {error}") from None
+    numbers = list[float]()
+    for word in words:
+        try:
+            numbers.append(float(word) if word.strip() else np.nan)
+        except ValueError:
+            cell = shortened(printable(word.strip()), _MAX_CHARACTERS)
+            raise LaisnError(f"{where}: {cell!r} is no number") from None
+    values = np.array(numbers)
     too_large = values[np.abs(values) > largest]
     if too_large.size:
         raise LaisnError(f"{where}: {too_large[0]:g} is not within ±{largest:g}")

@@ -14,6 +14,7 @@ import numpy as np
 
 from laisn.arrays import Floats
 from laisn.errors import LaisnError, printable, shortened
+from laisn.navigators import MAX_RANGE, MAX_SPEED
 from sim.datasets.range_data import LARGEST_NUMBER, parse_numbers, text_of
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION, PLACES, RECEPTION
@@ -182,10 +183,22 @@ def _dates(words: Sequence[str]) -> Floats | None:
     return np.array([round(span.total_seconds() * 1e6) for span in elapsed], dtype=np.float64)
 
 
+def column_numbers(words: Sequence[str], where: str, largest: float = LARGEST_NUMBER) -> Floats:
+    """The numbers in the cells of a column, shape (n,), NaN where they are empty; LaisnError naming
+    row and value of the first that is none, or beyond ±`largest`.
+    """
+    try:
+        return parse_numbers(words, where, largest)
+    except LaisnError:
+        for row, word in enumerate(words, start=1):
+            parse_numbers([word], f"{where}, row {row}", largest)
+        raise
+
+
 def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
     """The column of times, and whether they are dates."""
     try:
-        values = parse_numbers(words, where, 1e9 * LARGEST_NUMBER)
+        values = column_numbers(words, where, 1e9 * LARGEST_NUMBER)
     except LaisnError as error:
         dates = _dates(words)
         if dates is None:
@@ -193,8 +206,12 @@ def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[
                 f"{error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z"
             ) from None
         return Column(header=header, field="time", unit="us", values=dates, where=where), True
-    if not np.all(np.isfinite(values)):
-        raise LaisnError(f"{where}: a time is not finite")
+    missing = np.flatnonzero(~np.isfinite(values))
+    if missing.size:
+        cell = shortened(printable(words[int(missing[0])].strip()), _MAX_CHARACTERS)
+        raise LaisnError(
+            f"{where}, row {missing[0] + 1}: expected a time in each row (given: {cell!r})"
+        )
     return Column(header=header, field="time", unit=unit, values=values, where=where), False
 
 
@@ -232,7 +249,7 @@ def read_columns(path: Path) -> Columns:
         where = f"{path}, column {headers[i]}"
         # a bound in seconds holds once the unit is known
         largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
-        values = parse_numbers(words(i), where, largest)
+        values = column_numbers(words(i), where, largest)
         fields[field] = Column(
             header=headers[i], field=field, unit=fields_and_units[i][1], values=values, where=where
         )
@@ -240,6 +257,25 @@ def read_columns(path: Path) -> Columns:
         header for header, (field, _) in zip(headers, fields_and_units, strict=True) if not field
     )
     return Columns(path=path, time=time, fields=fields, has_dates=has_dates, unused=unused)
+
+
+def require_measurable(where: str, field: str, values: Floats) -> None:
+    """LaisnError if a speed [m/s] or a range [m], by the field, is beyond what navigators take;
+    `where` names its column, for the message.
+    """
+    if field == "speed":
+        least, largest, unit = -MAX_SPEED, MAX_SPEED, "m/s"
+    elif field.startswith("range_"):
+        least, largest, unit = 0.0, MAX_RANGE, "m"
+    else:
+        return
+    broken = np.flatnonzero((values < least) | (values > largest))
+    if broken.size:
+        row = int(broken[0])
+        raise LaisnError(
+            f"{where}, row {row + 1}: {values[row]:g} {unit}, expected {least:g} … {largest:g} "
+            f"{unit}; leave the cell empty where nothing was measured"
+        )
 
 
 def require_depths(where: str, metres: Floats) -> None:

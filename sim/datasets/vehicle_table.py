@@ -23,6 +23,7 @@ from sim.datasets.table_columns import (
     Columns,
     read_columns,
     require_depths,
+    require_measurable,
 )
 from sim.datasets.table_units import UnitChoice, decide_units, timestamp_unit
 from sim.log.clock import (
@@ -83,6 +84,7 @@ def _si(
                 f"{column.where}: in {unit}, values are not within ±{LARGEST_NUMBER:g} "
                 f"{column.quantity.si}"
             )
+        require_measurable(column.where, column.field, values)
         if "depth" in column.field:
             require_depths(column.where, values)
         table[column.field] = values
@@ -118,12 +120,19 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     if not received.any():
         headers = ", ".join(columns.fields[field].header.strip() for field in ranges)
         raise LaisnError(f"{path}: no row has a range, all cells of {headers} are empty")
+    has_motion = np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0)
+    if not has_motion.any():
+        own = [columns.fields[field] for field in OWN_MOTION.fields]
+        empty = [c.header.strip() for c in own if not np.isfinite(c.values).any()]
+        headers = ", ".join(column.header.strip() for column in own)
+        cause = f"all cells of {', '.join(empty)} are empty" if empty else "some are always empty"
+        raise LaisnError(f"{path}: no row has all of {headers}: {cause}")
     recording = RecordedRows(
         source=str(path),
         name=columns.time.header.strip(),
         time=time_ns,
         columns=table,
-        has_motion=np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0),
+        has_motion=has_motion,
         received=received,
         remarks=[],
     )

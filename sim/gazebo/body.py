@@ -54,6 +54,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     LaisnError if a number cannot be read, or the links have no mass.
     """
     link_inertias: list[LinkInertia] = []
+    names: list[str] = []
     volumes: list[float] = []
     centres: list[Floats] = []
     corners: list[Floats] = []
@@ -61,6 +62,7 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     for sdf_model in model.all_models():
         for name, link in sdf_model.links.items():
             frame = sdf_model.pose_of(name)
+            names.append(name)
             link_inertias.append(_link_inertia(name, link, frame, remarks))
             displaces = water.displaces(sdf_model, name)
             for collision in link.findall("collision"):
@@ -77,7 +79,28 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
                 centres.append(pose[:3, 3])
                 volumes.append(solid.volume * displaces)
                 corners.append(np.array([pose[:3, 3] - reach, pose[:3, 3] + reach]))
-    return _joined(link_inertias, volumes, centres, corners, has_unread_shape)
+    hull = _joined(link_inertias, volumes, centres, corners, has_unread_shape)
+    _require_possible(hull.inertia, names, link_inertias)
+    return hull
+
+
+def _is_possible(inertia: Floats) -> bool:
+    """Whether a mass can have an inertia, 3×3: no principal moment is beyond the other two."""
+    moments = np.linalg.eigvalsh(inertia)
+    return bool(moments[0] > 0.0 and moments[2] <= (1.0 + 1e-6) * (moments[0] + moments[1]))
+
+
+def _require_possible(inertia: Floats, names: list[str], links: list[LinkInertia]) -> None:
+    """LaisnError, naming the links to blame, if no mass can have the inertia of a whole hull."""
+    if _is_possible(inertia):
+        return
+    for name, link in zip(names, links, strict=True):
+        if not _is_possible(link.inertia):
+            moments = ", ".join(f"{moment:.4g}" for moment in np.linalg.eigvalsh(link.inertia))
+            raise LaisnError(
+                f"<inertia> of link {name!r}: no mass has principal moments {moments} kg m²; "
+                "expected positive ones, none larger than the other two together"
+            )
 
 
 def _joined(

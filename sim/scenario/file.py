@@ -434,7 +434,9 @@ def scenario_or_errors(
         scenario = Scenario.model_validate_json(renamed, context=context)
     except ValidationError as error:
         return None, lines_of(error, where)
-    return scenario, [f"  {text}" for text in (*scenario.inconsistencies(), *further(scenario))]
+    # what a navigator lacks, several checks may find
+    errors = dict.fromkeys((*scenario.inconsistencies(), *further(scenario)))
+    return scenario, [f"  {text}" for text in errors]
 
 
 def validate(

@@ -93,6 +93,13 @@ def _unexpected(text: str) -> Iterator[str]:
     except (ElementTree.ParseError, ValueError) as error:
         yield f"not valid MJCF: {error}"
         return
+    if elements[0].tag in ("robot", "sdf"):
+        kind = {"robot": "URDF (gz sdf -p model.urdf > model.sdf converts it)", "sdf": "SDF"}
+        yield (
+            f"{kind[elements[0].tag]}, not MJCF: laisn hull --sdf model.sdf > model.xml makes an "
+            "MJCF of an SDF file"
+        )
+        return
     counts = Counter(element.tag for element in elements)
     for tag in sorted(set(counts) - _ELEMENTS):
         yield f"may not hold <{tag[:40]}>: a hull is one body, and its looks are plain geoms"

@@ -160,8 +160,8 @@ def test_an_invalid_command_is_refused(vehicle: str, command: Any, message: str)
         Simulation(OPEN_LOOP).command(vehicle, command)
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, 0.25, np.inf, np.nan])
-def test_a_duration_that_is_no_multiple_of_the_control_step_is_refused(duration: float) -> None:
+@pytest.mark.parametrize("duration", [0.0, -1.0, 0.25, np.inf, np.nan, "x", [0.1]])
+def test_a_duration_that_is_no_multiple_of_the_control_step_is_refused(duration: Any) -> None:
     with pytest.raises(LaisnError, match=r"expected a positive multiple of 0\.1 s"):
         Simulation(OPEN_LOOP).step(duration)
 

@@ -117,8 +117,16 @@ def test_angles_without_a_unit_have_one_unit(tmp_path: Path) -> None:
     [
         ("depth,note", "dpth,note", "lacks columns depth; its columns: time"),
         ("range_rear,range_front", "a,b", "lacks columns range_rear"),
-        (",2,90.0,5.0,x,", ",2,north,5.0,x,", "column heading_deg: could not convert"),
-        ("30.5", "1e300", r"column range_rear: 1e\+300 is not within"),
+        (",2,90.0,5.0,x,", ",2,north,5.0,x,", "column heading_deg, row 1: 'north' is no number"),
+        ("9,20.0", "N/A,20.0", "column leader_east, row 10: 'N/A' is no number"),
+        ("30.5", "1e300", r"column range_rear, row 10: 1e\+300 is not within"),
+        ("30.5", "-1", "column range_rear, row 10: -1 m, expected 0 … 100000 m"),
+        ("30.5", "1e6", r"column range_rear, row 10: 1e\+06 m, expected"),
+        (
+            ",2,90.0,5.0,x,",
+            ",200,90.0,5.0,x,",
+            r"column speed \[kn\], row 1: 102.889 m/s, expected",
+        ),
         (",2,90.0,5.0,x,,,,,,,", ",2,90.0", "row 1: 3 cells, the header has 12"),
     ],
 )
@@ -127,6 +135,40 @@ def test_errors_of_a_table_are_reported(tmp_path: Path, old: str, new: str, word
     path.write_text(path.read_text(encoding="utf-8-sig").replace(old, new, 1), encoding="utf-8")
     with pytest.raises(LaisnError, match=rf"mine\.csv.*{words}"):
         read_vehicle_table(path)
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "inf"])
+def test_a_row_without_a_time_is_named(tmp_path: Path, cell: str) -> None:
+    path = table(tmp_path)
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    lines[7] = cell + lines[7][lines[7].index(",") :]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(LaisnError, match=r"mine\.csv, column time, row 7: "):
+        read_vehicle_table(path)
+
+
+def test_a_table_without_own_motion_is_refused_with_the_empty_column(tmp_path: Path) -> None:
+    path = table(tmp_path)
+    path.write_text(path.read_text(encoding="utf-8-sig").replace(",2,90.0", ",,90.0"), "utf-8")
+    with pytest.raises(
+        LaisnError, match=r"no row has all of .*: all cells of speed \[kn\] are empty"
+    ):
+        read_vehicle_table(path)
+
+
+def test_what_a_navigator_refuses_of_a_log_is_named_with_file_and_time(tmp_path: Path) -> None:
+    """The 50th of rows 0.1 s apart, which end steps."""
+    measured = read_vehicle_table(table(tmp_path))
+    measured.columns["speed"][49] = 99.0
+    write_vehicle_table(measured, tmp_path / "a.mcap")
+    answer = CliRunner().invoke(
+        app, ["replay", str(tmp_path / "a.mcap"), "--scenario", "T5", "--variant", "tight"]
+    )
+    text = answer.output
+    assert "a.mcap: follower: " in text
+    time_s = float(text.split("follower: ")[1].split(" s after the start")[0])
+    assert time_s == pytest.approx(5.0, abs=0.1)
+    assert "step 50: the speed is 99 m/s" in text
 
 
 def test_a_table_without_a_range_is_refused(tmp_path: Path) -> None:

@@ -168,6 +168,11 @@ def test_a_hull_along_another_axis_is_turned(tmp_path: Path) -> None:
     ("pairs", "words"),
     [
         ([("<mass>39.99</mass>", "<mass>heavy</mass>")], "<mass>: expected 1 number"),
+        (
+            # more than the sum of the others, which is that of a plate
+            [("<izz>8</izz>", "<izz>99</izz>")],
+            "<inertia> of link 'hull': no mass has principal moments",
+        ),
         ([(PLACEHOLDER, "<static>true</static>")], "model 'probe' is <static>: it does not move"),
         (
             [

@@ -16,9 +16,10 @@ from experiments.study.file import study_from_table
 from experiments.study.plan import plan_of
 from laisn.errors import LaisnError
 from laisn.metrics import position_errors
-from sim.feasibility import cautions
+from sim.feasibility import cautions, infeasibilities
 from sim.flight import FlightRecord, Termination, navigation_settings
 from sim.log.scene import hull
+from sim.scenario.file import scenario_or_errors
 from sim.scenario.settings import Scenario
 from sim.vehicle.mjcf import NUMERICS, spec_of
 from sim.vehicle.own_hull import hull_errors
@@ -179,6 +180,18 @@ def test_an_unusable_hull_is_refused_with_the_reason(
     errors = hull_errors(text, "follower")
     assert any(expected in error for error in errors), errors
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("text", ["<robot name='arm'><link name='a'/></robot>", "<sdf/>"])
+def test_other_formats_are_named_with_the_command_that_converts_them(text: str) -> None:
+    (line,) = hull_errors(text, "follower")
+    assert "laisn hull --sdf" in line
+
+
+def test_an_error_that_several_checks_find_is_listed_once() -> None:
+    table = {"navigation": {"variant": "missing_plugin:Class"}, "followers": [{"route": "T5"}]}
+    _, errors = scenario_or_errors(table, infeasibilities)
+    assert len([error for error in errors if "missing_plugin:Class" in error]) == 1
 
 
 @pytest.fixture(scope="module")
