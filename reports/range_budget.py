@@ -1,9 +1,9 @@
 """Range error budget: each range error split into its causes, exactly and additively.
 
-The error D_i − D°_i of the horizontal range that a follower uses, D_i = √(R_i² − Δz²), against that
-to the transmitter of a level leader is split by adding one cause after another: a cause's share is
-the change of D when it is added, so that the sum of the shares is the error. Interactions of two
-causes are part of the later one's share.
+The error D_i − D°_i of the horizontal range that a follower uses, D_i = √(R_i² − Δz_i²), against
+that to the transmitter of a level sender, or to a beacon, is split by adding one cause after
+another: a cause's share is the change of D when it is added, so that the sum of the shares is the
+error. Interactions of two causes are part of the later one's share.
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,11 @@ from enum import IntEnum
 import numpy as np
 
 from laisn.arrays import Floats, Ints, freeze_arrays
-from laisn.messages import LeaderMessage
+from laisn.geometry import given_transmitters
+from laisn.messages import Measurements
+from laisn.settings import Settings
 from sim import attitude
-from sim.flight import FlightRecord
+from sim.flight import FlightRecord, placement_settings
 from sim.scenario.parts import SensingSettings
 from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.links import navigated_motion
@@ -29,13 +31,15 @@ class Cause(IntEnum):
     """Causes of the error of a horizontal range, in the order in which they are added."""
 
     FORESHORTENING = 0  # pitch and roll move the transmitter horizontally
-    LEVER_ARM = 1  # pitch and roll move it vertically, away from the depth that the leader measures
+    LEVER_ARM = 1  # pitch and roll move it vertically, away from its depth on a level sender
     MOTION = 2  # leader and follower move between broadcast pose, ping, arrival and fix
     ECHO = 3
     SOUND_SPEED = 4
     CLOCK = 5
     RANDOM = 6  # random error of the range (paper, Eq. 28)
-    DEPTH = 7  # depths have errors, and the hydrophone is not at the follower's depth sensor
+    # depths have errors, the hydrophone is not at the follower's depth sensor, and a transmitter not
+    # at the depth at which the navigator takes it to be
+    DEPTH = 7
 
 
 LABELS = {cause: cause.name.lower().replace("_", " ") for cause in Cause} | {
@@ -50,7 +54,7 @@ class RangeErrorBudget:
     """Range errors of m messages by cause; arrays over transmitters hold rear, front, middle."""
 
     time: Floats  # time of each fix, shape (m,), [s]
-    level_range: Floats  # D°: the true horizontal range to a level leader, shape (m, 3), [m]
+    level_range: Floats  # D°: the true horizontal range to a level sender, shape (m, 3), [m]
     used_range: Floats
     """D: the horizontal range that the follower uses, shape (m, 3), [m]; NaN where no ping was
     received.
@@ -73,11 +77,21 @@ class RangeErrorBudget:
 
 def _on_plane(slant: Floats, depth_difference: Floats) -> Floats:
     """Horizontal ranges, as the follower computes them, of slant ranges, shape (m, 3), and
-    differences of depth, shape (m,), [m].
+    differences of depth, shape (m, 3), [m].
     """
-    return np.asarray(
-        np.sqrt(np.maximum(slant * slant - (depth_difference * depth_difference)[:, None], 0.0))
-    )
+    return np.asarray(np.sqrt(np.maximum(slant * slant - depth_difference * depth_difference, 0.0)))
+
+
+def _assumed_depths(measurements: Measurements, settings: Settings, rows: Ints) -> Floats:
+    """Depths at which a navigator takes the transmitters of m messages to be, shape (m, 3), [m];
+    NaN of one that is not there. On a hull without given places it is the sender's depth.
+    """
+    depths = np.empty((rows.size, 3))
+    for depth, row in zip(depths, rows.tolist(), strict=True):
+        reception = measurements.reception(row)
+        places = given_transmitters(reception, settings)
+        depth[:] = reception.message.depth if places is None else places[:, 2]
+    return depths
 
 
 def _transmitters(trajectory: Trajectory, index: Ints, quaternion: Floats) -> Floats:
@@ -111,7 +125,8 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
     broadcast = _transmitters(trajectory, sent, trajectory.quaternion[sent, 0])
     level = _transmitters(trajectory, sent, attitude.from_euler(trajectory.heading[sent, 0]))
     hydrophone = trajectory.site_path(f"{trajectory.names[follower + 1]}/hydrophone", fixed)
-    depth_difference = -trajectory.position[sent, 0, 2] + hydrophone[:, 2]
+    # how much deeper each transmitter is than the hydrophone, shape (m, 3), [m]
+    depth_difference = hydrophone[:, None, 2] - level[..., 2]
 
     errors = navigated_errors_of(sensing, follower)
     origin = seed_and_run(scenario.seed, scenario.run)
@@ -124,10 +139,10 @@ def range_error_budget(flight: FlightRecord, follower: int = 0) -> RangeErrorBud
         return np.asarray(np.take_along_axis(values[sound_row], path[:, :, None], axis=2)[:, :, 0])
 
     length = of_received(sound.arrival.length)
-    message = dict(zip(LeaderMessage._fields, measurements.message[measured_row].T, strict=True))
-    height = flight.assumed_hydrophone_height(follower + 1)
-    measured_difference = message["depth"] - (
-        measurements.depth[measurements.message_step[measured_row] - 1] - height
+    settings = placement_settings(scenario.navigation_of(follower), trajectory.sites)
+    own_depth = measurements.depth[measurements.message_step[measured_row] - 1]
+    measured_difference = _assumed_depths(measurements, settings, measured_row) - (
+        own_depth[:, None] - flight.assumed_hydrophone_height(follower + 1)
     )
     level_range = np.linalg.norm(level[..., :2] - hydrophone[:, None, :2], axis=2)
     # horizontal ranges with all causes up to this one, shapes (m, 3), [m]

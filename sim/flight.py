@@ -165,6 +165,33 @@ def _hydrophone_height(sites: Mapping[str, Floats], name: str) -> float:
     return float(sites[f"{name}/hydrophone"][2] - sites[f"{name}/depth_sensor"][2])
 
 
+def _placement(navigation: Navigation, sites: Mapping[str, Floats]) -> dict[str, Any]:
+    """Settings of where a navigator takes transmitters to be, by the sites of all vehicles."""
+    positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
+    # in the leader's hull, with heights from its pressure sensor, by which its depth is broadcast
+    above_sensor = positions - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
+    # the leader's transmitters are those on its hull, unless the scenario has others
+    values: dict[str, Any] = {
+        "transmitter_offsets": navigation.transmitters_m,
+        "use_attitude": navigation.use_attitude,
+    }
+    if are_at_baseline_and_offset(above_sensor):
+        values |= {
+            "baseline": 2.0 * float(above_sensor[1, 0]),
+            "middle_offset": float(above_sensor[2, 1]),
+        }
+    elif not values["transmitter_offsets"]:
+        values["transmitter_offsets"] = tuple(tuple(site) for site in above_sensor.tolist())
+    return values
+
+
+def placement_settings(navigation: Navigation, sites: Mapping[str, Floats]) -> Settings:
+    """What every navigator is given of where transmitters are, by the sites of all vehicles, with
+    those of the sender of its link in the leader's place. Code of navigators is not imported.
+    """
+    return Settings(**_placement(navigation, sites))
+
+
 def settings_of(
     sensing: SensingSettings, navigation: Navigation, sites: Mapping[str, Floats], name: str
 ) -> Settings:
@@ -174,28 +201,16 @@ def settings_of(
     """
     sound = sensing.acoustics
     height = navigation.hydrophone_height(_hydrophone_height(sites, name))
-    positions = np.array([sites[transmitter] for transmitter in TRANSMITTERS])
     assumed_sound_speed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
-    # in the leader's hull, with heights from its pressure sensor, by which its depth is broadcast
-    above_sensor = positions - np.array([0.0, 0.0, sites["leader/depth_sensor"][2]])
-    # the leader's transmitters are those on its hull, unless the scenario has others
     values: dict[str, Any] = {
-        "transmitter_offsets": navigation.transmitters_m,
+        **_placement(navigation, sites),
         "dt": sensing.links.filter_step_s,
         "hydrophone_height": height,
-        "use_attitude": navigation.use_attitude,
         "ping_slot": sound.ping_slot_s,
         "sound_slowness": 1.0 / assumed_sound_speed if sound.travel_time else 0.0,
         "floor_depth": floor_of(sensing.sound.sea).deepest,
         "slip": SLIP_M_SQRT_S if sensing.kind == "physics" else 0.0,
     }
-    if are_at_baseline_and_offset(above_sensor):
-        values |= {
-            "baseline": 2.0 * float(above_sensor[1, 0]),
-            "middle_offset": float(above_sensor[2, 1]),
-        }
-    elif not values["transmitter_offsets"]:
-        values["transmitter_offsets"] = tuple(tuple(site) for site in above_sensor.tolist())
     return navigation.settings(values, assumed_sound_speed)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import laisn_sim
 from laisn_sim.cli import analyses
 from reports import flight_report
 from reports.range_budget import Cause, RangeErrorBudget, range_error_budget
@@ -247,3 +248,63 @@ def test_an_excerpt_of_a_flight_has_the_shares_of_the_whole_flight_at_its_times(
     in_excerpt = (of_flight.time > 11.0 + 1e-9) & (of_flight.time < 23.0 + 1e-9)
     assert np.array_equal(of_excerpt.time, of_flight.time[in_excerpt])
     assert np.array_equal(of_excerpt.share, of_flight.share[in_excerpt], equal_nan=True)
+
+
+BEACONS = [[-50.0, -50.0, 5.0], [150.0, -50.0, 25.0], [50.0, 120.0, 25.0]]
+# rear above the sender's depth sensor, front and middle below
+SITES_OF_SECOND = [[-1.0, 0.0, 0.6], [1.0, 0.0, -0.4], [0.0, 0.1, -0.2]]
+LINKS = {
+    "beacons": (
+        {"name": "lbl", "beacons_m": BEACONS},
+        "beacons",
+        [place[2] for place in BEACONS],
+    ),
+    "a second leader": (
+        {"name": "second", "sender": "ahead", "transmitters_m": SITES_OF_SECOND},
+        "laisn-3-2",
+        [9.0 - site[2] for site in SITES_OF_SECOND],
+    ),
+}
+
+
+@pytest.mark.parametrize(("link", "variant", "depths"), LINKS.values(), ids=LINKS)
+def test_each_transmitter_of_a_link_has_its_own_depth(
+    link: dict[str, object], variant: str, depths: list[float]
+) -> None:
+    keys = {
+        "duration_s": 20.0,
+        "motion": "kinematic",
+        "links": [{**link, "interval_s": 2.0}],
+        "followers": [
+            {"name": "a", "waypoints": [[0, 0, -30], [120, 120, -30]], "depth_m": 12.0},
+            {"name": "ahead", "waypoints": [[0, 10, 20], [120, 130, 20]], "depth_m": 9.0},
+        ],
+        # the other one navigates on the leader's broadcast
+        "followers.0.navigation": {"link": link["name"], "variant": variant},
+    }
+    flight = laisn_sim.fly("T5", keys)
+    budget = range_error_budget(flight)
+    measured = flight.measurements[0]
+    # motion is level, the depth of the hydrophone what the depth sensor says less its height
+    sites = flight.trajectory.sites
+    height = sites["a/hydrophone"][2] - sites["a/depth_sensor"][2]
+    own_depth = measured.depth[measured.message_step - 1] - height
+    difference = np.array(depths) - own_depth[:, None]
+    assert len(budget.time) == len(difference) > 5
+    assert_allclose(budget.used_range, np.sqrt(measured.ranges**2 - difference**2), atol=1e-9)
+    assert_allclose(budget.share[..., [Cause.FORESHORTENING, Cause.LEVER_ARM]], 0.0, atol=1e-9)
+    assert_allclose(budget.share[..., Cause.DEPTH], 0.0, atol=1e-9)
+    assert_allclose(budget.share.sum(axis=2), budget.error, rtol=0, atol=1e-9)
+
+
+def test_the_height_of_transmitters_on_a_level_hull_is_no_lever_arm() -> None:
+    """The navigator takes the pings to leave at heights that are wrong by 0.5 m."""
+    trajectory = make_trajectory((20.0, -30.0, -14.0))
+    scenario = make_scenario()
+    assumed = ((-1.0, 0.0, 0.5), (1.0, 0.0, 0.5), (0.0, 0.1, 0.5))
+    navigation = Navigation(variant="laisn-3-2", transmitters_m=assumed)
+    flight = flight_of(scenario.model_copy(update={"navigation": navigation}), trajectory, QUIET)
+    budget = range_error_budget(flight)
+    # a depth difference of 6.5 m in place of 6 m
+    expected = np.sqrt(budget.level_range**2 + 6.0**2 - 6.5**2) - budget.level_range
+    assert_allclose(shares_alone(budget, Cause.DEPTH), expected, rtol=0, atol=1e-9)
