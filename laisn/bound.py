@@ -22,6 +22,12 @@ _NODES = np.stack(np.meshgrid(_NODES_1D, _NODES_1D), axis=2).reshape(-1, 2)
 _WEIGHTS = np.outer(_WEIGHTS_1D, _WEIGHTS_1D).ravel() / _WEIGHTS_1D.sum() ** 2
 
 
+LEAST_RANGE_SIGMA = 1e-6
+"""Least standard deviation of ranges that have a bound [m]: the information of exact ranges is
+infinite.
+"""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrueNoise:
     """Standard deviations of what is truly random in a mission; those of constants are what is
@@ -67,6 +73,14 @@ class TrueNoise:
 
     def __post_init__(self) -> None:
         require_numbers(self)
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether there is a bound: what is measured is not exact."""
+        log_is_measured = self.speed_change > 0.0
+        return self.range_sigma >= LEAST_RANGE_SIGMA and not (
+            log_is_measured and self.speed_sigma == 0.0
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -381,7 +395,8 @@ def position_bound(
     `averaged` takes the mean information over the positions that the bound itself allows, not that
     at the truth; None: for two transmitters, whose information at the truth is zero on their axis.
     `lag` is how much later than a position the messages may be that it rests on [s]: of smoothing,
-    where not 0.
+    where not 0. NaN, which is no bound, where ranges or log are exact: `TrueNoise.has_bound`.
+    ValueError: a lag where the speed is a state.
     """
     return position_bounds([geometry], [noise], averaged=averaged, lag=lag)[0]
 
@@ -399,7 +414,9 @@ def position_bounds(
     bounds = dict[int, Floats]()
     grouped = dict[tuple[TrueNoise, float, int], list[int]]()
     for i, (geometry, noise) in enumerate(zip(geometries, noises, strict=True)):
-        if noise.speed_change == 0.0:
+        if not noise.has_bound:
+            bounds[i] = np.full((geometry.speed.size, 2, 2), np.nan)
+        elif noise.speed_change == 0.0:
             kind = (noise, geometry.dt, geometry.arms.shape[1])
             grouped.setdefault(kind, []).append(i)
         elif lag > 0.0:

@@ -332,7 +332,8 @@ class Chain(NamedTuple):
 
 def _inverse(covariance: Floats) -> Floats:
     """Inverses of covariances, shape (m, s, s); zero in directions that are known exactly."""
-    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    # of what is known exactly rounding may leave a variance below zero
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
     per_sigma = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0.0)
     scale = per_sigma[:, :, None] * per_sigma[:, None, :]
     return np.asarray(scale * np.linalg.pinv(scale * covariance, rcond=_SINGULAR, hermitian=True))

@@ -142,6 +142,9 @@ class NavigatorSpec:
         used = np.isfinite(estimates.innovation_covariance).all(axis=(1, 2)) & np.isfinite(
             estimates.innovation
         ).all(axis=1)
+        # an innovation of a navigator that takes it to be exact has no squared size in units of S
+        pxx, pxy, pyy = estimates.innovation_covariance[:, (0, 0, 1), (0, 1, 1)].T
+        used &= resolve_name("laisn.metrics:is_invertible")(pxx, pxy, pyy)
         e = estimates.innovation[used]
         S = estimates.innovation_covariance[used]
         nis_sum = float(np.sum(e * np.linalg.solve(S, e[..., None])[..., 0])) if len(e) else 0.0

@@ -203,7 +203,7 @@ class _Broadcasts:
 
 def least_rms(geometry: BoundGeometry, noise: TrueNoise, lag: float = 0.0) -> Floats:
     """Least RMS of the position error after each step, shape (n,), [m]; with messages of up to a
-    lag later [s].
+    lag later [s]. NaN, which is no bound, where ranges have no random errors.
     """
     return _rms(position_bound(geometry, noise, lag=lag))
 
@@ -217,8 +217,8 @@ def flight_bounds(
     flight: FlightRecord, followers: Sequence[int] | None = None, lag: float = 0.0
 ) -> list[Floats]:
     """Least RMS of followers' position errors after each step, of each follower's shape (n,), [m],
-    from the pings that it received; None: of all. Of one that takes the messages of several links
-    NaN, which is no bound.
+    from the pings that it received; None: of all. NaN, which is no bound, of one that takes the
+    messages of several links, or whose ranges have no random errors.
 
     With a lag [s], messages of up to so much later are used too. Ranges, log and compass are those
     of this flight, with constant biases: sideslip, drift and echoes only raise what can be reached.

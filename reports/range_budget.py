@@ -37,8 +37,8 @@ class Cause(IntEnum):
     SOUND_SPEED = 4
     CLOCK = 5
     RANDOM = 6  # random error of the range (paper, Eq. 28)
-    # depths have errors, the hydrophone is not at the follower's depth sensor, and a transmitter not
-    # at the depth at which the navigator takes it to be
+    # depths have errors, the hydrophone is not at the follower's depth sensor, and a transmitter is
+    # not at the depth at which the navigator takes it to be
     DEPTH = 7
 
 

@@ -223,11 +223,12 @@ def compute(trajectory: Trajectory, plans: Sequence[CellPlan]) -> list[Result]:
             "bound_rms_m": None,
             "rms_over_bound": None,
         }
-        if find(variant).compare_with_crlb and not scenario.navigation.further_links:
-            settings = CellSettings.of(scenario)
+        settings = CellSettings.of(scenario)
+        noise = noise_of(settings.sensing, settings.navigation, plan.follower)
+        has_bound = noise.has_bound and not scenario.navigation.further_links
+        if find(variant).compare_with_crlb and has_bound:
             seen_motion, _ = mission.motion_and_measurements(settings, plan.follower)
             geometry = geometry_of(seen_motion, settings.sensing, plan.follower)
-            noise = noise_of(settings.sensing, settings.navigation, plan.follower)
             bound_rms = least_rms(geometry, noise)
             bound = float(np.sqrt(np.mean(bound_rms**2)))
             rms = float(np.hypot(row["e_p_mean_m"], row["e_p_std_m"]))

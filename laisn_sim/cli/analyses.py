@@ -50,32 +50,37 @@ def bound(
     )
     lines: list[list[str]] = []
     rows: list[Record] = []
+    has_bounds = True
     with compiling_shown():
         mission = mission_of(checked_scenario)
         settings = CellSettings.of(checked_scenario)
         for i, follower in enumerate(checked_scenario.followers):
             trajectory, _ = mission.motion_and_measurements(settings, i)
             noise = noise_of(settings.sensing, settings.navigation, i)
+            has_bounds = has_bounds and noise.has_bound
             bound = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
             bounds = [
                 float(np.sqrt(np.mean(quarter**2)))
                 for quarter in (*np.array_split(bound, _QUARTERS), bound)
             ]
-            cells = [f"{value:.3f}" for value in bounds]
+            cells = [f"{value:.3f}" if np.isfinite(value) else "–" for value in bounds]
             if runs:
                 flight = simulate(
                     Cell.of(checked_scenario, i, runs, mission=mission),
                     threads=len(os.sched_getaffinity(0)),
                 ).row
                 rms = float(np.hypot(flight["e_p_mean_m"], flight["e_p_std_m"]))
-                cells += [f"{rms:.3f}", f"{rms / bounds[-1]:.2f}", f"{flight['nees']:.3g}"]
+                ratio = f"{rms / bounds[-1]:.2f}" if bounds[-1] > 0.0 else "–"
+                nees = f"{flight['nees']:.3g}" if np.isfinite(flight["nees"]) else "–"
+                cells += [f"{rms:.3f}", ratio, nees]
             lines.append([follower.name, *cells])
             time = checked_scenario.timing.filter_step_s * np.arange(1, bound.size + 1)
             rows += [
                 {"follower": follower.name, "time_s": t, "bound_m": value}
                 for t, value in zip(time.tolist(), bound.tolist(), strict=True)
             ]
-    show_table(Console(), heads, lines, "least RMS position error [m]")
+    caption = "" if has_bounds else "–: ranges without random errors have no bound"
+    show_table(Console(), heads, lines, "least RMS position error [m]", caption)
     if output is not None:
         write_csv(output.path, rows)
         print_line(Console(), output)

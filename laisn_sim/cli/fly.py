@@ -52,7 +52,8 @@ _STRETCH_S = 10.0  # of a live mission between two steps of its progress bar
 _MOST_OF_A_KIND = 10  # warnings of one kind that are printed
 _PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
-NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound"""
+NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound;
+–: the covariance is singular, or there is no bound"""
 
 
 def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:

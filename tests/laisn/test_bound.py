@@ -580,3 +580,22 @@ def test_followers_together_have_the_bounds_that_each_has_alone(
     for bound, bound_of_shifted in zip(together[:-1:2], together[1:-1:2], strict=False):
         assert bound.shape == bound_of_shifted.shape
         assert len(bound) == 9 or np.abs(bound - bound_of_shifted).max() > 1e-4
+
+
+@pytest.mark.parametrize("transmitters", [2, 3])
+@pytest.mark.parametrize("lag", [0.0, 1.0])
+def test_exact_ranges_have_no_bound(transmitters: int, lag: float) -> None:
+    arms = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.1, 0.0]])[:transmitters]
+    geometry = at_rest(20, (3.0, -20.0), arms)
+    noise = TrueNoise(range_sigma=0.0)
+    assert not noise.has_bound
+    noisy, exact = position_bounds([geometry] * 2, [TrueNoise(), noise], lag=lag)
+    assert np.isnan(exact).all()
+    # beside a follower with noise, whose bound is as alone
+    np.testing.assert_array_equal(noisy, position_bound(geometry, TrueNoise(), lag=lag))
+
+
+def test_an_exact_log_that_measures_the_speed_has_no_bound() -> None:
+    geometry = at_rest(5, (0.0, -20.0), np.full((3, 3), np.nan))
+    noise = TrueNoise(speed_sigma=0.0, speed_change=0.1)
+    assert np.isnan(position_bound(geometry, noise)).all()

@@ -6,6 +6,7 @@ import re
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,10 @@ import laisn_sim
 from experiments.campaign.montecarlo import Cell, simulate, simulate_mission
 from experiments.campaign.store import key_of
 from laisn.errors import LaisnError
-from laisn.navigators import NAVIGATORS, code_of_navigators, find
+from laisn.estimates import Estimates, FixKind
+from laisn.messages import Measurements
+from laisn.navigators import NAVIGATORS, NavigatorSpec, code_of_navigators, find
+from laisn.settings import NavigationSettings
 from laisn_sim.cli.main import app
 from sim.flight import excerpt
 from sim.sensing.noise import normals
@@ -323,3 +327,35 @@ def test_all_code_that_the_registry_names_exists() -> None:
     assert {"laisn.navigator", "laisn.tight.navigator"} <= set(code_of_navigators())
     with pytest.raises(LaisnError, match="available: laisn-2"):
         find("kalman")
+
+
+class _Exact:
+    """A navigator that takes the first of three innovations to be exact."""
+
+    def __init__(self, settings: Any, start: Any) -> None:
+        self.start = start
+
+    def run(self, measurements: Measurements) -> Estimates:
+        """The innovations (3, 4), with S = 0, diag(9, 4) and diag(1, 16)."""
+        steps = measurements.speed.size
+        return Estimates(
+            state=np.zeros((steps, 4)),
+            covariance=np.zeros((steps, 4, 4)),
+            fix_step=np.array([1, 2, 3]),
+            fix_position=np.zeros((3, 2)),
+            fix_sigma=np.zeros(3),
+            fix_kind=np.full(3, FixKind.RANGES),
+            innovation=np.tile([3.0, 4.0], (3, 1)),
+            innovation_covariance=np.array([np.zeros((2, 2)), np.diag([9, 4]), np.diag([1, 16])]),
+        )
+
+
+def test_an_innovation_without_variance_does_not_count_in_a_campaign() -> None:
+    flight = laisn_sim.fly("T5", {"duration_s": 1.0, "motion": "kinematic"}, navigator=_Exact)
+    spec = NavigatorSpec(factory=_Exact)
+    result = spec.fly(NavigationSettings(), flight.measurements[0], np.zeros(4))
+    # 9/9 + 16/4 and 9/1 + 16/16
+    assert (result.nis_sum, result.nis_dof) == (5.0 + 10.0, 4.0)
+    # a covariance of 0 has no NEES
+    [row] = laisn_sim.summary(flight)["followers"].values()
+    assert row["nees"] is None

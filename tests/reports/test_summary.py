@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+import laisn_sim
 from experiments.flight import results
 from laisn.arrays import Floats
 from laisn.estimates import FixKind
@@ -137,3 +138,29 @@ def test_leaving_the_water_is_reported_once(flight: FlightRecord) -> None:
         (pytest.approx(20.0), "follower1 goes below the sea floor"),
     ]
     assert all("off its route" in event.text for event in safety_warnings(flight))
+
+
+WITHOUT_ERRORS = {
+    "acoustics.range_tau_m": [0, 0, 0],
+    "acoustics.range_scale_mean_m": 0,
+    "acoustics.range_scale_sigma_m": 0,
+    "sensors.speed_bias_m_s": 0,
+    "sensors.speed_sigma_m_s": 0,
+    "sensors.heading_bias_deg": 0,
+    "sensors.heading_sigma_deg": 0,
+}
+
+
+@pytest.mark.parametrize("variant", ["laisn-2", "tight", "ekf", "dead-reckoning"])
+@pytest.mark.parametrize("keys", [["acoustics.range_tau_m"], [*WITHOUT_ERRORS]])
+def test_a_flight_with_exact_ranges_has_a_summary_without_a_bound(
+    variant: str, keys: list[str]
+) -> None:
+    zero = {key: WITHOUT_ERRORS[key] for key in keys}
+    settings = {"duration_s": 10.0, "motion": "kinematic", "navigation.variant": variant}
+    flight = laisn_sim.fly("T5", settings | zero)
+    [row] = laisn_sim.summary(flight)["followers"].values()
+    assert (row["bound_rms_m"], row["rms_over_bound"]) == (None, None)
+    if zero == WITHOUT_ERRORS:
+        # nothing errs, so that the estimate does not either, but for the mixture of `tight`
+        assert row["e_p_max_m"] < (0.05 if variant == "tight" else 1e-4)
