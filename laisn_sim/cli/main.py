@@ -436,9 +436,11 @@ def log_export(
         files = [folder / f"{log.stem}.glb"]
         write_gltf(flight, files[0])
     elif ros2:
-        from sim.log.ros2 import write_bag
+        from sim.log.ros2 import left_out, write_bag
 
         files = write_bag(log, folder)
+        if left_out(log):
+            echo(f"note: not in the bag, but in {log}: {', '.join(left_out(log))}")
     elif rerun:
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_recording(log, folder / f"{log.stem}.rrd")]

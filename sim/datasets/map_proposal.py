@@ -23,7 +23,8 @@ from sim.datasets.field_map import (
     units_of,
 )
 from sim.datasets.table_columns import FIELDS, TIME_NAMES, cells_of, quantity_of
-from sim.log.schema import RECEPTION
+from sim.log.ros2_encoding import LINK_RECEPTION_TYPE
+from sim.log.schema import PLACES, RECEPTION
 
 _LEADER_WORDS = {
     *("leader", "ldr", "lead", "mother", "mothership", "ship", "boat", "vessel", "asv", "usv"),
@@ -393,13 +394,33 @@ def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
 
 def _own_reception_candidates(topic: BagTopic) -> Iterator[_Candidate]:
     """Fields of a reception as this project writes it, which need no check."""
-    for field in RECEPTION.fields:
+    for field in (*RECEPTION.fields, *(name for name in PLACES.names if name in topic.fields)):
         entry = {"topic": topic.name, "field": field, "unit": quantity_of(field).si}
         yield _Candidate(field, -2, entry, "")
 
 
+def _is_own_reception(topic: BagTopic) -> bool:
+    """Whether a topic has receptions as this project writes them."""
+    return set(RECEPTION.fields) <= set(topic.fields)
+
+
+def _heard_on_navigated_links(topics: Sequence[BagTopic]) -> list[BagTopic]:
+    """Topics without receptions of further links, as this project writes them, and without those
+    of the leader, if another vehicle has some, too.
+    """
+    kept = [topic for topic in topics if topic.type_name != LINK_RECEPTION_TYPE]
+    by_leader = [
+        topic
+        for topic in kept
+        if _is_own_reception(topic) and _LEADER_WORDS & set(_words(topic.name.split("/")[1]))
+    ]
+    if not any(_is_own_reception(topic) for topic in kept if topic not in by_leader):
+        return kept
+    return [topic for topic in kept if topic not in by_leader]
+
+
 def _candidates_of(topic: BagTopic) -> Iterator[_Candidate]:
-    if set(RECEPTION.fields) <= set(topic.fields):
+    if _is_own_reception(topic):
         return _own_reception_candidates(topic)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
     return _candidates_by_type(topic) if is_typed else _candidates_by_name(topic)
@@ -499,7 +520,7 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
     """
     topics = _topics_of_vehicle(topics_of(path), vehicle)
     by_field: dict[str, list[_Candidate]] = {}
-    for candidate in _candidates(topics):
+    for candidate in _candidates(_heard_on_navigated_links(topics)):
         by_field.setdefault(candidate.field, []).append(candidate)
     chosen = {
         field: sorted(by_field[field], key=lambda candidate: candidate.rank)

@@ -25,18 +25,29 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
-from laisn.messages import Ranges
+from laisn.estimates import Estimates
+from laisn.messages import LinkMessages, Measurements, Ranges, SensorHeader
 from sim import attitude
 from sim.flight import FlightRecord
 from sim.log.bag_folder import VIEW, require_replaceable
 from sim.log.contents import Contents, LogError
 from sim.log.reader import read
-from sim.log.ros2_encoding import Template, typestore
+from sim.log.ros2_encoding import LINK_RECEPTION_TYPE, Template, typestore
 from sim.log.ros2_robot import urdf
 from sim.log.ros2_view import rviz_view
-from sim.log.schema import RECEPTION, Clock
-from sim.log.tum import estimated_poses
+from sim.log.schema import (
+    BEACON_RECEPTION,
+    DETAILS,
+    ERROR,
+    FIX,
+    PLACES,
+    RECEPTION,
+    ROUND_TRIP,
+    Clock,
+)
+from sim.log.tum import estimated_poses, estimates_of
 from sim.scenario.parts import MissionPlan, SensingSettings
+from sim.scenario.sensors import Sensors
 from sim.water.assembly import density_of
 from sim.water.waves import GRAVITY
 
@@ -58,12 +69,28 @@ _LEVELS = {"DEBUG": 10, "INFO": 20, "WARNING": 30, "ERROR": 40, "FATAL": 50}
 _DIAGONAL = range(0, 36, 7)  # in a covariance of six by six, by rows
 
 RECEPTION_TYPE = "laisn_msgs/msg/Reception"
+PLACED_RECEPTION_TYPE = "laisn_msgs/msg/PlacedReception"
 READING_TYPE = "laisn_msgs/msg/Reading"
+
+
+def _definition(numbers: Sequence[str], others: str = "") -> str:
+    """The definition of a message with a header and numbers."""
+    return "".join(["std_msgs/Header header\n", *(f"float64 {name}\n" for name in numbers), others])
+
+
 _DEFINITIONS = {
-    RECEPTION_TYPE: "std_msgs/Header header\n"
-    + "".join(f"float64 {field}\n" for field in RECEPTION.fields),
-    READING_TYPE: "std_msgs/Header header\nfloat64[] values\n",
+    RECEPTION_TYPE: _definition(RECEPTION.fields),
+    PLACED_RECEPTION_TYPE: _definition(BEACON_RECEPTION.fields),
+    LINK_RECEPTION_TYPE: _definition(
+        [*BEACON_RECEPTION.fields, ROUND_TRIP],
+        "float64[] content\nstring[] channels\nstring[] units\n",
+    ),
+    READING_TYPE: _definition([], "float64[] values\nstring[] channels\nstring[] units\n"),
 }
+_KEPT_IN_LOGS = (FIX.topic, ERROR.topic, *(details.topic for details in DETAILS.values()))
+"""Ends of the topics of a log that bags have not: what a navigator tells of its fixes, and errors
+against the truth.
+"""
 
 Rows = Callable[[slice], Sequence[bytes]]
 """Serialised messages of a part of a topic's times."""
@@ -87,7 +114,47 @@ class _FlightContext:
     flight: FlightRecord
     store: "Typestore"
     clock: Clock
-    names: tuple[str, ...]  # of vehicles, as topics may have them
+    names: tuple[str, ...]  # of vehicles, the leader's first, as topics may have them
+
+    def measurements(self, vehicle: int) -> Measurements:
+        """What a vehicle by its number measured; a leader that has sensed under way."""
+        if vehicle:
+            return self.flight.measurements[vehicle - 1]
+        assert self.flight.leader is not None
+        return self.flight.leader.measurements
+
+    def estimates(self, vehicle: int) -> Estimates:
+        """What a vehicle that navigates has concluded."""
+        estimates = estimates_of(self.flight, vehicle)
+        assert estimates is not None
+        return estimates
+
+    def errors(self, vehicle: int) -> Sensors:
+        """Errors of a vehicle's own sensors."""
+        sensing = SensingSettings.of(self.flight.scenario)
+        return sensing.sensors_of(vehicle - 1) if vehicle else sensing.sensors_of_leader()
+
+    def frame_of_hydrophone(self, vehicle: int) -> str:
+        """The frame of what a vehicle estimates: its hydrophone, or the hull of a leader without
+        one.
+        """
+        sites = self.flight.trajectory.site_names
+        is_there = f"{self.flight.trajectory.names[vehicle]}/hydrophone" in sites
+        return f"{self.names[vehicle]}/{'hydrophone' if is_there else 'base_link'}"
+
+    @property
+    def headers(self) -> dict[str, SensorHeader]:
+        """Channels and rates of the further sensors of all vehicles by their names."""
+        headers = dict[str, SensorHeader]()
+        for vehicle in self.sensing_vehicles:
+            headers |= self.measurements(vehicle).sensors
+        return headers
+
+    @property
+    def sensing_vehicles(self) -> list[int]:
+        """Numbers of the vehicles that have sensed under way."""
+        first = 1 if self.flight.leader is None else 0
+        return [*range(first, len(self.flight.measurements) + 1)]
 
 
 def _ros_names(names: Sequence[str]) -> tuple[str, ...]:
@@ -279,14 +346,14 @@ def _truth(context: _FlightContext) -> Iterator[RosTopic]:
         )
 
 
-def _estimate(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
-    """Estimated motion of a follower's hydrophone, and its fixes."""
+def _estimate(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
+    """Estimated motion of a vehicle's hydrophone, and its fixes."""
     flight = context.flight
-    e = flight.estimates[follower]
-    m = flight.measurements[follower]
-    name = context.names[follower + 1]
-    errors = SensingSettings.of(flight.scenario).sensors_of(follower)
-    position, quaternion = estimated_poses(flight, follower)
+    e = context.estimates(vehicle)
+    m = context.measurements(vehicle)
+    name = context.names[vehicle]
+    errors = context.errors(vehicle)
+    position, quaternion = estimated_poses(flight, vehicle)
     valid = np.flatnonzero(np.isfinite(e.state).all(axis=1) & np.isfinite(position).all(axis=1))
     n = valid.size
     time_ns = context.clock.ns(m.dt * (valid + 1))
@@ -367,25 +434,25 @@ def _estimate(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
     yield _nav_sat(
         context,
         f"/{name}/estimate/navsat",
-        f"{name}/hydrophone",
+        context.frame_of_hydrophone(vehicle),
         time_ns[every_second],
         position[every_second],
         map_covariance[every_second],
     )
-    yield _fixes(context, follower)
+    yield _fixes(context, vehicle)
 
 
-def _fixes(context: _FlightContext, follower: int) -> RosTopic:
+def _fixes(context: _FlightContext, vehicle: int) -> RosTopic:
     """Positions that messages gave, as a filter of the user's own may take them."""
-    e = context.flight.estimates[follower]
-    m = context.flight.measurements[follower]
-    name = context.names[follower + 1]
-    position, quaternion = estimated_poses(context.flight, follower)
+    e = context.estimates(vehicle)
+    m = context.measurements(vehicle)
+    name = context.names[vehicle]
+    position, quaternion = estimated_poses(context.flight, vehicle)
     valid = np.flatnonzero(np.isfinite(e.fix_position).all(axis=1) & np.isfinite(e.fix_sigma))
     steps = e.fix_step[valid]
     places = np.column_stack([e.fix_position[valid], position[steps - 1, 2]])
     variance = e.fix_sigma[valid] ** 2
-    errors = SensingSettings.of(context.flight.scenario).sensors_of(follower)
+    errors = context.errors(vehicle)
     columns = {
         **_xyz("pose.pose.position", places),
         **_wxyz("pose.pose.orientation", quaternion[steps - 1]),
@@ -409,12 +476,12 @@ def _fixes(context: _FlightContext, follower: int) -> RosTopic:
     )
 
 
-def _sensed(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
-    """What a follower measured at filter steps."""
+def _sensed(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
+    """What a vehicle measured at filter steps."""
     flight = context.flight
-    m = flight.measurements[follower]
-    name = context.names[follower + 1]
-    errors = SensingSettings.of(flight.scenario).sensors_of(follower)
+    m = context.measurements(vehicle)
+    name = context.names[vehicle]
+    errors = context.errors(vehicle)
     n = m.speed.size
     time_ns = context.clock.ns(m.dt * np.arange(1, n + 1))
     base = {"header": {"frame_id": f"{name}/base_link"}}
@@ -466,29 +533,91 @@ def _sensed(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
         {"header": {"frame_id": f"{name}/depth_sensor"}},
         pressure,
     )
-    for sensor, readings in zip(_ros_names(list(m.custom)), m.custom.values(), strict=True):
-        rows = readings.reshape(n, -1)
+    for sensor, topic_name in zip(m.custom, _ros_names(list(m.custom)), strict=True):
+        yield _readings(context, vehicle, sensor, f"/{name}/sensor/{topic_name}")
+
+
+def _channels_of(header: SensorHeader, count: int) -> dict[str, list[str]]:
+    """Names and units of so many channels, as messages have them."""
+    units = [channel.unit for channel in header.channels] or [""] * count
+    return {"channels": list(header.names(count)), "units": units}
+
+
+def _readings(context: _FlightContext, vehicle: int, sensor: str, topic: str) -> RosTopic:
+    """Readings of a further sensor of a vehicle, at its own rate."""
+    m = context.measurements(vehicle)
+    rows = m.custom[sensor].reshape(m.speed.size, -1)
+    header = m.sensors.get(sensor, SensorHeader())
+    stride = header.steps(m.dt)
+    steps = np.arange(stride, m.speed.size + 1, stride)
+    example = {
+        "header": {"frame_id": f"{context.names[vehicle]}/base_link"},
+        "values": np.zeros(rows.shape[1]),
+        **_channels_of(header, rows.shape[1]),
+    }
+    time_ns = context.clock.ns(m.dt * steps)
+    return _numbers(context, topic, READING_TYPE, time_ns, example, {"values": rows[steps - 1]})
+
+
+def _reception_columns(
+    received: Measurements | LinkMessages, places: Floats | None
+) -> dict[str, npt.ArrayLike]:
+    """Fields of receptions, also places of transmitters, shape (m, 3, 3), if there are such."""
+    count = len(received.message)
+    columns = dict[str, npt.ArrayLike]()
+    for array in RECEPTION.columns:
+        table = getattr(received, array.attribute).reshape(count, len(array.names))
+        columns |= {field: table[:, i] for i, field in enumerate(array.names)}
+    if places is not None:
+        table = places.reshape(count, len(PLACES.names))
+        columns |= {field: table[:, i] for i, field in enumerate(PLACES.names)}
+    return columns
+
+
+def _links(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
+    """Messages of further links that a vehicle has received. NaN stands for the places of
+    transmitters and the round trip where a link has none.
+    """
+    m = context.measurements(vehicle)
+    name = context.names[vehicle]
+    for link, topic_name in zip(m.links, _ros_names(list(m.links)), strict=True):
+        messages = m.links[link]
+        count = len(messages.message)
+        places = np.full(PLACES.shape, np.nan) if messages.places is None else messages.places
+        columns = _reception_columns(messages, np.tile(places, (count, 1, 1)))
+        no_answer = np.full(count, np.nan)
+        columns[ROUND_TRIP] = no_answer if messages.round_trip is None else messages.round_trip
+        example: dict[str, Any] = {"header": {"frame_id": context.frame_of_hydrophone(vehicle)}}
+        example |= {"channels": [], "units": []}
+        for sensor, rows in messages.content.items():
+            header = context.headers.get(sensor, SensorHeader())
+            named = _channels_of(header, rows.shape[1])
+            example["channels"] += [f"{sensor}.{channel}" for channel in named["channels"]]
+            example["units"] += named["units"]
+        if messages.content:
+            columns["content"] = np.hstack([*messages.content.values()])
+            example["content"] = np.zeros(len(example["channels"]))
         yield _numbers(
             context,
-            f"/{name}/sensor/{sensor}",
-            READING_TYPE,
-            time_ns,
-            base | {"values": np.zeros(rows.shape[1])},
-            {"values": rows},
+            f"/{name}/link/{topic_name}",
+            LINK_RECEPTION_TYPE,
+            context.clock.ns(m.dt * messages.message_step),
+            example,
+            columns,
         )
 
 
-def _received(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
-    """Messages of the leader, and the ranges of each transmitter."""
-    m = context.flight.measurements[follower]
-    name = context.names[follower + 1]
+def _received(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
+    """Messages of the link that a vehicle navigates on, the ranges of each transmitter, and
+    messages of further links.
+    """
+    m = context.measurements(vehicle)
+    name = context.names[vehicle]
     time_ns = context.clock.ns(m.dt * m.message_step)
-    header = {"header": {"frame_id": f"{name}/hydrophone"}}
-    columns = dict[str, npt.ArrayLike]()
-    for array in RECEPTION.columns:
-        table = getattr(m, array.attribute).reshape(time_ns.size, len(array.names))
-        columns |= {field: table[:, i] for i, field in enumerate(array.names)}
-    yield _numbers(context, f"/{name}/reception", RECEPTION_TYPE, time_ns, header, columns)
+    header = {"header": {"frame_id": context.frame_of_hydrophone(vehicle)}}
+    type_name = RECEPTION_TYPE if m.transmitters is None else PLACED_RECEPTION_TYPE
+    columns = _reception_columns(m, m.transmitters)
+    yield _numbers(context, f"/{name}/reception", type_name, time_ns, header, columns)
     farthest = context.flight.scenario.acoustics.max_range_m or math.inf
     sonar = {
         "radiation_type": _ULTRASOUND,
@@ -505,6 +634,7 @@ def _received(context: _FlightContext, follower: int) -> Iterator[RosTopic]:
             header | sonar,
             {"range": m.ranges[rows, i]},
         )
+    yield from _links(context, vehicle)
 
 
 def _events(context: _FlightContext, log: Contents) -> Iterator[RosTopic]:
@@ -593,10 +723,11 @@ def _topics(flight: FlightRecord, log: Contents, store: "Typestore") -> Iterator
         names=_ros_names(flight.trajectory.names),
     )
     yield from _truth(context)
-    for follower in range(len(flight.estimates)):
-        yield from _sensed(context, follower)
-        yield from _received(context, follower)
-        yield from _estimate(context, follower)
+    for vehicle in context.sensing_vehicles:
+        yield from _sensed(context, vehicle)
+        yield from _received(context, vehicle)
+        if estimates_of(flight, vehicle) is not None:
+            yield from _estimate(context, vehicle)
     yield from _events(context, log)
     yield from _film(context, log)
 
@@ -710,6 +841,12 @@ def write_bag(log_path: Path, folder: Path) -> list[Path]:
     return _replace_bag(folder, topics, store, view)
 
 
+def left_out(log_path: Path) -> list[str]:
+    """Topics of a flight's log that its bag has not; LogError if the log cannot be read."""
+    log = Contents(log_path, lambda topic, _: False)
+    return sorted(topic for topic in log.topics if topic.rpartition("/")[2] in _KEPT_IN_LOGS)
+
+
 def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
     """Write what the followers of a flight measured as a ROS 2 bag, without truth and estimates;
     returns its files. Errors as of `write_bag`.
@@ -724,7 +861,7 @@ def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
         names=_ros_names(flight.trajectory.names),
     )
     topics = list[RosTopic]()
-    for follower in range(len(flight.measurements)):
-        topics += _sensed(context, follower)
-        topics += _received(context, follower)
+    for vehicle in range(1, len(flight.measurements) + 1):
+        topics += _sensed(context, vehicle)
+        topics += _received(context, vehicle)
     return _replace_bag(folder, [topic for topic in topics if topic.time_ns.size], store, "")

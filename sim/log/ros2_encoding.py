@@ -21,6 +21,8 @@ MISSING = (
     "ROS 2 bags need the package rosbags; install it with: pip install rosbags, "
     "or with this program: pip install 'laisn-sim[ros2]'"
 )
+LINK_RECEPTION_TYPE = "laisn_msgs/msg/LinkReception"
+"""Messages of a further link, as the bags of this project have them."""
 _HEADER_BYTES = 4  # that stand before a message; alignment counts from behind them
 _LAST_SECOND = 2**31 - 1  # builtin_interfaces/Time counts seconds in 32 bits with sign
 _STAMP = "header.stamp"

@@ -6,6 +6,7 @@ import sqlite3
 import tomllib
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
+from laisn.messages import LinkMessages
 from laisn_sim.cli.main import app
 from sim.datasets.map_proposal import propose_for_bag
 from sim.log import writer
 from sim.log.reader import read_recording
+from sim.log.ros2 import write_measurement_bag
 from tests.sim.datasets.bags import Message, stamped, write_ros1, write_ros2
 from tests.synthetic import make_flight
 
@@ -193,6 +196,28 @@ def test_a_flight_comes_back_from_its_bag(follower: int, tmp_path: Path) -> None
     assert np.array_equal(imported_back.ranges, measured.ranges, equal_nan=True)
     assert np.array_equal(imported_back.message[:, 1:], measured.message[:, 1:], equal_nan=True)
     assert np.allclose(imported_back.message[:, 0], measured.message[:, 0], atol=1e-6, rtol=0)
+
+
+def test_a_flight_among_beacons_comes_back_with_their_places(tmp_path: Path) -> None:
+    """Messages of further links are of no field of the log, and are not taken for receptions."""
+    flown = make_flight(10.0)
+    measured = flown.measurements[0]
+    heard = measured.message_step.size
+    places = np.tile([[-30.0, -40.0, 12.0], [90.0, -30.0, 20.0], [10.0, 80.0, 15.0]], (heard, 1, 1))
+    link = LinkMessages(
+        message_step=measured.message_step,
+        message=measured.message + 1.0,
+        ranges=measured.ranges + 1.0,
+    )
+    placed = replace(measured, transmitters=places, links={"other": link})
+    write_measurement_bag(replace(flown, measurements=(placed,)), tmp_path / "bag")
+    log = tmp_path / "b.mcap"
+    result = run("import", tmp_path / "bag", "--out", log)
+    assert result.exit_code == 0, result.output
+    back = read_recording(log).measurements
+    assert np.array_equal(back.ranges, measured.ranges, equal_nan=True)
+    assert back.transmitters is not None
+    assert np.array_equal(back.transmitters, places)
 
 
 def test_a_bag_of_several_vehicles_is_refused_until_one_is_named(tmp_path: Path) -> None:

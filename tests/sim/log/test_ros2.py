@@ -3,6 +3,7 @@
 import itertools
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from io import BytesIO
@@ -23,14 +24,16 @@ from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from laisn.messages import Channel, LinkMessages, SensorHeader
 from laisn_sim.cli.main import app
 from sim import attitude
-from sim.flight import FlightRecord
+from sim.flight import FlightRecord, VehicleRecord
 from sim.log import writer
 from sim.log.ros2 import write_measurement_bag
 from sim.log.ros2_robot import roll_pitch_yaw, urdf
 from tests.synthetic import make_flight, moved
 
+AXES = ("east", "north", "depth")
 EPOCH_NS = 1767225600 * 10**9  # 2026-01-01T00:00:00Z, the epoch of scenarios
 
 
@@ -489,6 +492,110 @@ def test_sensors_whose_names_are_alike_have_topics_of_their_own(tmp_path: Path) 
         messages = topics[f"/follower/sensor/{name}"]
         assert len(messages) == steps
         assert all(message.values.tolist() == values for _, message in messages)
+
+
+PLACES = np.array([[-30.0, -40.0, 12.0], [90.0, -30.0, 20.0], [np.nan, np.nan, np.nan]])
+"""Of two beacons and none: east, north, depth [m]."""
+
+
+def with_links_and_sensors(flown: FlightRecord) -> FlightRecord:
+    """A flight whose follower navigates among beacons, hears answers with readings of their
+    sender, and reads a sensor every 0.5 s, with one reading that is none.
+    """
+    measured = flown.measurements[0]
+    heard = measured.message_step.size
+    rows = np.full((measured.speed.size, 2), np.nan)
+    rows[4::5] = np.arange(2 * rows[4::5].shape[0]).reshape(-1, 2)
+    rows[9] = np.nan
+    answers = LinkMessages(
+        message_step=measured.message_step,
+        message=measured.message,
+        ranges=measured.ranges,
+        round_trip=0.01 * np.arange(heard),
+        content={"dvl": np.arange(2.0 * heard).reshape(heard, 2)},
+    )
+    beacons = replace(answers, places=PLACES, round_trip=None, content={})
+    channels = (Channel("forward", "m/s"), Channel("starboard", "m/s"))
+    measured = replace(
+        measured,
+        transmitters=np.tile(PLACES, (heard, 1, 1)),
+        links={"answer-1": answers, "lbl": beacons},
+        custom={"dvl": rows},
+        sensors={"dvl": SensorHeader(channels=channels, period=0.5)},
+    )
+    return replace(flown, measurements=(measured,))
+
+
+@pytest.mark.parametrize("read_bag", READERS.values(), ids=READERS)
+def test_receptions_have_places_links_and_answers(
+    tmp_path: Path, read_bag: Callable[[Path], Topics]
+) -> None:
+    flight = with_links_and_sensors(make_flight(10.0))
+    write_measurement_bag(flight, tmp_path / "bag")
+    topics = read_bag(tmp_path / "bag")
+    measured = flight.measurements[0]
+    times = (EPOCH_NS + 10**8 * measured.message_step).tolist()
+    names = [f"{t}_{axis}" for t in ("rear", "front", "middle") for axis in AXES]
+    for topic, has_places in (("reception", True), ("link/lbl", True), ("link/answer_1", False)):
+        messages = topics[f"/follower/{topic}"]
+        assert [time_ns for time_ns, _ in messages] == times
+        expected = PLACES.ravel() if has_places else np.full(9, np.nan)
+        for k, (_, message) in enumerate(messages):
+            assert message.leader_timestamp == measured.message[k, 0]
+            numbers = [getattr(message, name) for name in names]
+            assert np.array_equal(numbers, expected, equal_nan=True)
+    for k, (_, message) in enumerate(topics["/follower/link/answer_1"]):
+        assert message.round_trip == 0.01 * k
+        assert list(message.content) == [2.0 * k, 2.0 * k + 1.0]
+        assert list(message.channels) == ["dvl.forward", "dvl.starboard"]
+        assert list(message.units) == ["m/s", "m/s"]
+    assert all(math.isnan(message.round_trip) for _, message in topics["/follower/link/lbl"])
+
+
+@pytest.mark.parametrize("read_bag", READERS.values(), ids=READERS)
+def test_a_sensor_has_messages_at_its_own_rate_with_names_and_units(
+    tmp_path: Path, read_bag: Callable[[Path], Topics]
+) -> None:
+    flight = with_links_and_sensors(make_flight(10.0))
+    write_measurement_bag(flight, tmp_path / "bag")
+    messages = read_bag(tmp_path / "bag")["/follower/sensor/dvl"]
+    assert [time_ns for time_ns, _ in messages] == [
+        EPOCH_NS + 5 * 10**8 * (i + 1) for i in range(20)
+    ]
+    assert list(messages[0][1].channels) == ["forward", "starboard"]
+    assert list(messages[0][1].units) == ["m/s", "m/s"]
+    # the one that lost its echo is there, too
+    values = np.array([list(message.values) for _, message in messages])
+    expected = np.arange(40.0).reshape(20, 2)
+    expected[1] = np.nan
+    assert np.array_equal(values, expected, equal_nan=True)
+
+
+def test_a_leader_that_navigates_is_in_the_bag_as_followers_are(tmp_path: Path) -> None:
+    flown = make_flight(10.0)
+    record = VehicleRecord(measurements=flown.measurements[0], estimates=flown.estimates[0])
+    topics = by_rosbags(export(replace(flown, leader=record), tmp_path))
+    of_follower = {
+        topic.removeprefix("/follower/") for topic in topics if topic.startswith("/follower/")
+    }
+    assert {topic for topic in topics if topic.startswith("/leader/")} == {
+        f"/leader/{topic}" for topic in of_follower
+    }
+    states = record.estimates.state if record.estimates else np.empty(0)
+    odometry = [message for _, message in topics["/leader/estimate/odometry"]]
+    places = [xyz(message.pose.pose.position)[:2] for message in odometry]
+    assert np.array_equal(places, states[:, :2])
+    # the synthetic leader has no hydrophone, so that its hull is what it estimates
+    assert {m.header.frame_id for _, m in topics["/leader/estimate/navsat"]} == {"leader/base_link"}
+    speeds = [message.twist.twist.linear.x for _, message in topics["/leader/speed_log"]]
+    assert np.array_equal(speeds, record.measurements.speed)
+
+
+def test_what_a_bag_has_not_is_said(tmp_path: Path) -> None:
+    writer.write(make_flight(10.0), tmp_path / "a.mcap")
+    command = ["log", "export", str(tmp_path / "a.mcap"), "--ros2", str(tmp_path / "bag")]
+    text = printed_text(CliRunner().invoke(app, command, env={"COLUMNS": "300"}))
+    assert "/follower/error, /follower/innovation" in text
 
 
 def test_times_that_ros_cannot_count_are_refused(tmp_path: Path) -> None:
