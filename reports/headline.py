@@ -45,7 +45,11 @@ def tone_of(value: float | None, good: tuple[float, float], tolerable: tuple[flo
 
 
 def figure_text(value: float, unit: str = "") -> str:
-    """A number with about three digits: 0.05 m, 12.3 m, 61 thousand."""
+    """A number with about three digits: 0.05 m, 12.3 m, 61 thousand, 20.4 million."""
+    if value >= 1e9:
+        return f"{value:.2g}{unit}"
+    if value >= 1e6:
+        return f"{value / 1e6:.3g} million{unit}"
     if value >= 1e4:
         return f"{value / 1e3:,.0f} thousand{unit}"
     if value >= 100:

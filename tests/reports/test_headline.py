@@ -156,11 +156,12 @@ def test_what_is_not_known_is_not_judged() -> None:
 
 
 def test_figures_have_about_three_digits() -> None:
-    assert [figure_text(value) for value in (0.052, 12.34, 123.4, 61387.0)] == [
+    assert [figure_text(value) for value in (0.052, 12.34, 123.4, 61387.0, 20.4071e6)] == [
         "0.05",
         "12.3",
         "123",
         "61 thousand",
+        "20.4 million",
     ]
 
 
