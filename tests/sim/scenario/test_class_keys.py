@@ -1,3 +1,5 @@
+"""Keys of classes of the user's own: their types, lists and units."""
+
 import math
 import re
 from collections.abc import Sequence
