@@ -21,10 +21,14 @@ def without_plugins() -> Iterator[None]:
         patch.setenv(PLUGINS_VARIABLE, "")
         patch.delenv(PLUGINS_VARIABLE)
         patch.setattr(plugins, "_REGISTERED", {})
+        patch.setattr(plugins, "_LOADED", {})
         path, modules = list(sys.path), set(sys.modules)
-        yield
-        for file in plugin_files().values():
-            if file.stem not in modules:
-                sys.modules.pop(file.stem, None)
-        sys.path[:] = path
-        os.environ.pop(PLUGINS_VARIABLE, None)
+        try:
+            yield
+        finally:
+            # also those that code in the block imports by their names, after a command loaded them
+            loaded = {file.stem for file in (*plugin_files().values(), *plugins._IMPORTED)}
+            for name in loaded - modules:
+                sys.modules.pop(name, None)
+            sys.path[:] = path
+            os.environ.pop(PLUGINS_VARIABLE, None)
