@@ -42,8 +42,8 @@ class Tank:
             ocean: the water.
             dt: step [s].
             numerics: replace those of the MJCF, strips included.
-            thrusters: force and moment about the origin of a unit of each thrust, in the body,
-                shape (5, 6).
+            thrusters: force, a unit vector, and moment about the origin of a newton of each thrust,
+                in the body, shape (5, 6).
         """
         root = ElementTree.fromstring(xml)
         for element in [*root.findall("actuator"), *root.findall("keyframe")]:

@@ -91,7 +91,9 @@ def test_acceleration_is_kirchhoffs(seed: int) -> None:
     q /= np.linalg.norm(q)
     nu, wrench = rng.normal(size=6), 50 * rng.normal(size=6)
     rotation = euler_rotation(q)
-    thrusters = np.vstack([wrench, np.zeros((4, 6))])
+    # a thruster's gear is a direction, whatever its length, and the command is the force [N]
+    thrust = np.linalg.norm(wrench[:3])
+    thrusters = np.vstack([wrench / thrust, np.zeros((4, 6))])
     body = hull(ideal.mass, ideal.inertia, ideal.cg, added_mass=ideal.added)
     tank = Tank(body, Ocean(), 1e-3, thrusters=thrusters)
     tank.place([3, -4, -50], q, [*rotation @ nu[:3], *nu[3:]])
@@ -99,7 +101,7 @@ def test_acceleration_is_kirchhoffs(seed: int) -> None:
     # the acceleration of a point in the world, from components in a turning frame
     world = rotation @ (expected[:3] + np.cross(nu[3:], nu[:3]))
     np.testing.assert_allclose(
-        tank.acceleration([1, 0, 0, 0, 0]), [*world, *expected[3:]], rtol=1e-9, atol=1e-9
+        tank.acceleration([thrust, 0, 0, 0, 0]), [*world, *expected[3:]], rtol=1e-9, atol=1e-9
     )
 
 

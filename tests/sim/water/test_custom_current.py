@@ -121,7 +121,7 @@ def test_errors_of_the_class_are_told_as_the_user_s(
     [
         (["model=MINE:Wordless"], "has no `velocity(position, time)`"),
         (["model=MINE:Nobody"], "expected a class of"),
-        (["model=MINE:Broken", "own.depth_m=3"], "takes no arguments"),
+        (["model=MINE:Broken", "custom.depth_m=3"], "Broken has no key 'depth'; it has: none"),
         (["model=other:Broken"], "is in a plugin that is not loaded"),
     ],
 )
