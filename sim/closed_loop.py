@@ -155,10 +155,10 @@ def init_closed_loop(
     trails = records(TRAIL, f, n // message_every + planned_points + 2)
     counts = np.zeros((f, 1), dtype=np.int64)
     water = plant.ocean.velocity(plant.pose[:, :3], plant.time)[0]
-    # most followers navigate by one table
-    estimate_current = {
-        key: "current" in table.settings().estimated
-        for key, table in {id(table): table for table in navigations}.items()
+    # most followers navigate by one table, which is asked once
+    tables = {id(navigation): navigation for navigation in navigations}
+    estimating_current = {
+        key for key, table in tables.items() if "current" in table.settings().estimated
     }
     first_message = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(followers):
@@ -171,7 +171,7 @@ def init_closed_loop(
         sensors=sensors,
         look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
-        estimates_current=np.array([estimate_current[id(table)] for table in navigations]),
+        estimates_current=np.array([id(table) in estimating_current for table in navigations]),
         leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,

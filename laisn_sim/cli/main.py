@@ -439,8 +439,9 @@ def log_export(
         from sim.log.ros2 import left_out, write_bag
 
         files = write_bag(log, folder)
-        if left_out(log):
-            echo(f"note: not in the bag, but in {log}: {', '.join(left_out(log))}")
+        topics = left_out(log)
+        if topics:
+            echo(f"note: not in the bag, but in {log}: {', '.join(topics)}")
     elif rerun:
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_recording(log, folder / f"{log.stem}.rrd")]

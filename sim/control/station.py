@@ -249,19 +249,6 @@ def place_at(trail: Records, count: int, arc: float) -> Place:
     )
 
 
-@compiled
-def _water_speed_at(trail: Records, count: int, arc: float) -> float:
-    """Speed through the water of `place_at` alone."""
-    last = count - 1
-    if arc <= 0.0 or trail[last].arc <= 0.0:
-        return float(trail[0].water_speed)
-    if arc >= trail[last].arc:
-        return float(trail[last].water_speed)
-    low = _index_before(trail, count, arc)
-    u = (arc - trail[low].arc) / (trail[low + 1].arc - trail[low].arc)
-    return float((1.0 - u) * trail[low].water_speed + u * trail[low + 1].water_speed)
-
-
 PLANNED_INTERVAL = 1.0  # time from one planned point of a trail to the next [s]
 # a turn begins at most so long before its waypoint [s]
 _HALF_TURN_TIME = 0.5 * SHARPEST_CUT / TURN_RATE
@@ -473,9 +460,10 @@ def turn_frame(
         max_rate = min(max_rate, _SIDEWAYS_SHARE * across_acceleration / width)
     for i in range(round((span[1] - span[0]) / dt)):
         arc = arc_at(points, count, span[0] + (i + 1) * dt) - station.behind
-        water_speed = _water_speed_at(points, count, arc)
+        _, _, east, north, water_speed = place_at(points, count, arc)
         ahead = clip(station.behind, 0.0, f.frame_lookahead)
-        _, _, east, north, _ = place_at(points, count, arc + ahead)
+        if ahead > 0.0:
+            _, _, east, north, _ = place_at(points, count, arc + ahead)
         heading_error = wrap_angle(np.arctan2(east, north) - state.heading)
         rate = heading_error / f.frame_time_constant
         if rate * station.port > 0.0:

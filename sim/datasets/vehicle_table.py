@@ -6,12 +6,13 @@ Columns have the names of the log's fields, with or without a unit ("heading_deg
 reception alone. Rows stand in order of recording.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats, Ints
+from laisn.arrays import Bools, Floats, Ints
 from laisn.errors import LaisnError
 from sim.datasets.field_map import FieldMap
 from sim.datasets.mapped_table import read_mapped_columns
@@ -99,6 +100,22 @@ def _si(
     return table, remarks
 
 
+def _has_motion(columns: Columns, table: Mapping[str, Floats]) -> Bools:
+    """Which rows have all measurements of the vehicle's own motion, shape (n,); LaisnError if none
+    has.
+    """
+    has_motion: Bools = np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0)
+    if not has_motion.any():
+        own = [columns.fields[field] for field in OWN_MOTION.fields]
+        empty = [column.header.strip() for column in own if not np.isfinite(column.values).any()]
+        headers = ", ".join(column.header.strip() for column in own)
+        cause = (
+            f"all cells of {', '.join(empty)} are empty" if empty else "each row lacks one of them"
+        )
+        raise LaisnError(f"{columns.path}: no row has all of {headers}: {cause}")
+    return has_motion
+
+
 def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> VehicleTable:
     """Measurements of a text table; header, delimiter, units and format of time are detected, or
     columns and units are those of a map.
@@ -120,13 +137,7 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     if not received.any():
         headers = ", ".join(columns.fields[field].header.strip() for field in ranges)
         raise LaisnError(f"{path}: no row has a range, all cells of {headers} are empty")
-    has_motion = np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0)
-    if not has_motion.any():
-        own = [columns.fields[field] for field in OWN_MOTION.fields]
-        empty = [c.header.strip() for c in own if not np.isfinite(c.values).any()]
-        headers = ", ".join(column.header.strip() for column in own)
-        cause = f"all cells of {', '.join(empty)} are empty" if empty else "some are always empty"
-        raise LaisnError(f"{path}: no row has all of {headers}: {cause}")
+    has_motion = _has_motion(columns, table)
     recording = RecordedRows(
         source=str(path),
         name=columns.time.header.strip(),

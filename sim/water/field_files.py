@@ -359,9 +359,9 @@ def valid_values(
     low = max([low, *least.tolist()])
     high = min([high, *greatest.tolist()])
     rounding = 0.5 * abs(float(variable.encoding.get("scale_factor", 0.0)))
-    is_invalid = (values < low - rounding - _VALID_TOLERANCE * abs(low)) if low > -np.inf else False
-    if high < np.inf:
-        is_invalid |= values > high + rounding + _VALID_TOLERANCE * abs(high)
+    is_too_small = values < low - rounding - _VALID_TOLERANCE * abs(low)
+    is_too_large = values > high + rounding + _VALID_TOLERANCE * abs(high)
+    is_invalid = is_too_small | is_too_large
     if np.any(is_invalid):
         least_and_greatest = [f"at least {low:.4g}"] if low > -np.inf else []
         least_and_greatest += [f"at most {high:.4g}"] if high < np.inf else []

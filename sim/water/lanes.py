@@ -100,11 +100,11 @@ class ProfileMemory(NamedTuple):
     @compiled
     def relative_density_at(self, depth: float, reference: float) -> float:
         """As of `DensityProfile`, in lanes."""
-        in_lanes_ = lanes_of(self.room)
-        in_lanes_[0] = depth
+        depths_and_densities = lanes_of(self.room)
+        depths_and_densities[0] = depth
         for lane in range(LANES):
             self.room[1, lane] = self.profile.density_at(self.room[0, lane])
-        return float(in_lanes_[1] / reference)
+        return float(depths_and_densities[1] / reference)
 
 
 class CalmMemory(NamedTuple):

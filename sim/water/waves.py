@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats, Two, freeze_arrays
+from laisn.arrays import Floats, Four, Two, freeze_arrays
 from laisn.compiled import compiled, compiled_apart, inlined, method_by_type, select
 from laisn.errors import LaisnError
 from laisn.simd import like
@@ -24,7 +24,6 @@ from laisn.vector_math import MIN_EXPONENT, fma, powers_of_two, sin_cos_of_right
 from sim.attitude import Matrix, Vector, matvec, plus
 from sim.water.currents import CurrentFlow, Drift
 
-Four = tuple[float, float, float, float]
 Five = tuple[float, float, float, float, float]
 
 method_by_type("flow_over")

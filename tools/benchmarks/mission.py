@@ -43,6 +43,8 @@ four fins.
 """
 GOALS = {"leader + 1": 4500.0, "leader + 10": 1500.0, "leader + 50": 350.0, "leader + 200": 60.0}
 """Real-time factors that they are to reach on one core."""
+FRONT = resources.files("experiments") / "studies" / "front" / "front.nc"
+"""A current from a file."""
 _ENGINES_S = 200.0  # length of the missions by which solvers are compared
 _REPEATS = 3
 MODEL_TIME_RATIO_GOAL = 5.0
@@ -153,10 +155,6 @@ def engines() -> list[Row]:
     ]
 
 
-FRONT = resources.files("experiments") / "studies" / "front" / "front.nc"
-"""A current from a file."""
-
-
 def _direct(scenario: Scenario) -> Scenario:
     """A scenario by the direct solver."""
     timing = scenario.timing.model_copy(update={"engine": "direct"})
@@ -164,7 +162,7 @@ def _direct(scenario: Scenario) -> Scenario:
 
 
 def _varied(scenario: Scenario, i: int) -> Scenario:
-    """A scenario whose vehicles differ from those of another number: equal ones are flown once."""
+    """A scenario whose hulls have the drag of number i: missions with equal ones share motions."""
     scale = 1.0 + 0.01 * i
     vehicles = [scenario.leader, *scenario.followers]
     leader, *followers = (each.model_copy(update={"drag_scale": scale}) for each in vehicles)
