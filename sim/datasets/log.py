@@ -49,10 +49,13 @@ def read_data_set(path: Path) -> RangeData:
     or it cannot be read.
     """
     reader = _READERS.get(path.suffix)
+    if reader is None and not path.exists():
+        raise LaisnError(f"{path}: cannot be read: No such file or directory")
     if reader is None:
         raise LaisnError(
             f"{path}: the name should end in .csv (a table), .pyfg (a factor graph), "
-            "or be that of a .mat or a _DR.txt (a data set of ranging radios)"
+            "or be that of a .mat or a _DR.txt (a data set of ranging radios), or of the folder or "
+            "file of a ROS 2 bag"
         )
     return reader(path)
 

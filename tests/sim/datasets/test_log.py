@@ -287,12 +287,14 @@ def test_errors_of_files_are_reported(tmp_path: Path) -> None:
     (tmp_path / "broken.mat").write_bytes(b"no matrix")
     (tmp_path / "binary.pyfg").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "empty.pyfg").write_text("")
+    (tmp_path / "graph.json").write_text("{}")
     (tmp_path / "lonely_DR.txt").write_text("1 2 3\n2 3 4\n")
     for table, rows in (("DR", "1 2 3"), ("TL", "1 0 0"), ("TD", "1 0 1 5\n2 0 nan 5")):
         (tmp_path / f"odd_{table}.txt").write_text(f"{rows}\n")
     for name, words in (
         ("missing.pyfg", "No such file"),
-        ("graph.json", r"should end in \.csv .*, \.pyfg .*a \.mat or a _DR\.txt"),
+        ("missing", "No such file"),
+        ("graph.json", r"should end in \.csv .*, \.pyfg .*a \.mat or a _DR\.txt .*a ROS 2 bag"),
         ("broken.mat", "no MATLAB file"),
         ("binary.pyfg", "cannot be read: not UTF-8 text"),
         ("empty.pyfg", "no planar pose"),
