@@ -43,7 +43,7 @@ from numba.extending import intrinsic, overload, overload_method, register_jitab
 from laisn.arrays import Bools, Floats
 from laisn.custom_types import name_of_custom
 from laisn.errors import LaisnWarning
-from laisn.nesting import NestedLibrary, count_nested, nest
+from laisn.nesting import NestedLibrary, count_nested, has_callers, nest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -230,7 +230,11 @@ class _Cache(FunctionCache):
         return self._custom_caches[custom]
 
     def load_overload(self, sig: object, target_context: object) -> Any:
-        """The stored code of a signature, None if there is none."""
+        """The stored code of a signature; None if there is none, and for a caller, into which the
+        function is compiled.
+        """
+        if has_callers():
+            return None
         _load_without_scipy()
         cache = self._cache_of(sig)
         if cache is None:

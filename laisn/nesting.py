@@ -3,8 +3,9 @@ with that of the outermost function.
 
 Numba does both for each function, with all that it calls, also where only its callers run it: what
 stands at the end of five calls is optimised and emitted six times. Here a function that is compiled
-for a caller keeps its code as it was written down. If Python calls it, it is compiled once more, on
-its own.
+for a caller keeps its code as it was written down. If Python calls it, too, it is compiled once
+more, on its own; callers never take that code, or their speed would depend on what was compiled and
+stored before.
 """
 
 # mypy: allow-untyped-calls
@@ -41,6 +42,13 @@ class _Compiling(threading.local):
 
 _compiling = _Compiling()
 _names_of_nested: list[str] = []
+
+
+def has_callers() -> bool:
+    """Whether the function that this thread begins to compile is called by another that it
+    compiles.
+    """
+    return len(_compiling.stack) > 1
 
 
 def count_nested() -> int:
@@ -151,6 +159,8 @@ def nest(jit: Any, *, apart: bool) -> None:
     compile_for_python = jit._compile_for_args
     add_overload = jit.add_overload
     template_of = jit.get_call_template
+    for_callers = dict[Any, Any]()
+    on_its_own = dict[Any, Any]()
 
     def template_without_literals(arguments: Any, keywords: Any) -> Any:
         """One code for calls with `0`, with `1` and with a variable."""
@@ -160,15 +170,16 @@ def nest(jit: Any, *, apart: bool) -> None:
         )
 
     def compile_on_stack(signature: Any) -> Any:
-        """Compile while this function is on the stack of those that are being compiled."""
+        """Compile while this function is on the stack of those that are being compiled, and let
+        numba find what belongs there: code for callers, or that of its own.
+        """
         stack = _compiling.stack
         kinds = tuple(sigutils.normalize_signature(signature)[0])
-        existing = jit.overloads.get(kinds)
-        if existing is not None:
-            if stack or not isinstance(existing.library, NestedLibrary):
-                return existing.entry_point
-            # for a call from Python
-            del jit.overloads[kinds]
+        results = for_callers if stack and not apart else on_its_own
+        jit.overloads.pop(kinds, None)
+        if kinds in results:
+            jit.overloads[kinds] = results[kinds]
+            return results[kinds].entry_point
         outer_stack = list(stack)
         stack[:] = [jit] if apart else [*stack, jit]
         try:
@@ -189,10 +200,13 @@ def nest(jit: Any, *, apart: bool) -> None:
             stack[:] = outer_stack
 
     def add(result: Any) -> None:
+        kinds = tuple(result.signature.args)
         if isinstance(result.library, NestedLibrary):
-            jit.overloads[tuple(result.signature.args)] = result
+            for_callers[kinds] = result
+            jit.overloads[kinds] = result
             _names_of_nested.append(jit.py_func.__qualname__)
         else:
+            on_its_own[kinds] = result
             add_overload(result)
 
     jit.get_call_template = template_without_literals

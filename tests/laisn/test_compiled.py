@@ -58,6 +58,18 @@ print(FOLDER, counts[0, 0], sum(fill_histograms.stats.cache_hits.values()))
 """
 
 
+INTERPOLATES_INVERSES = """
+import numpy as np
+from sim.control.allocation import clip, pseudo_inverse_at
+
+if {caller}:
+    inverse = np.zeros((1, 6))
+    pseudo_inverse_at(np.zeros((1, 6)), np.ones((1, 6)), 9.0, inverse)
+    print(inverse[0, 0], sum(clip.stats.cache_hits.values()))
+print(clip(9.0, 0.0, 1.0), sum(clip.stats.cache_hits.values()))
+"""
+
+
 def start(program: str, cache: Path, root: Path = ROOT) -> subprocess.Popen[str]:
     """A process that runs a program on the packages of a folder `root`, with compiled code in
     `cache`.
@@ -83,6 +95,13 @@ def mirror_locks(root: Path, cache: Path) -> tuple[int, int]:
     assert process.returncode == 0, errors
     runs, hits = out.split()
     return int(runs), int(hits)
+
+
+def test_a_caller_takes_no_code_that_python_s_calls_have_stored(tmp_path: Path) -> None:
+    """Its speed would depend on what other processes have called before."""
+    programs = [INTERPOLATES_INVERSES.format(caller=caller) for caller in (False, True)]
+    printed = [start(program, tmp_path).communicate()[0].split() for program in programs]
+    assert printed == [["1.0", "0"], ["1.0", "0", "1.0", "1"]]
 
 
 def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_file_changes(

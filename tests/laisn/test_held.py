@@ -198,6 +198,24 @@ def test_code_for_callers_is_known_to_have_no_other_callers() -> None:
     assert re.findall(r"^define (\w+) .*_sum_from", code, flags=re.MULTILINE) == ["internal"]
 
 
+@compiled
+def _count_from(first: int, end: int) -> int:
+    return 0 if first == end else 1 + _count_from(first + 1, end)
+
+
+@compiled
+def _count_of_all(numbers: Floats) -> int:
+    return _count_from(0, numbers.size)
+
+
+def test_code_for_callers_is_the_same_if_python_called_the_function_before() -> None:
+    assert _count_from(2, 5) == 3
+    assert are_nested(_count_from) == [False]
+    assert _count_of_all(np.zeros(4)) == 4
+    (code,) = _count_of_all.inspect_llvm().values()  # type: ignore[attr-defined]
+    assert re.findall(r"^define (\w+) .*_count_from", code, flags=re.MULTILINE) == ["internal"]
+
+
 def _typed_number() -> float:
     raise NotImplementedError("for compiled code")
 
@@ -238,9 +256,10 @@ def test_functions_for_their_callers_have_no_code_of_their_own_until_python_call
     assert are_nested(_inmost) == are_nested(_sum) == [True]
     assert are_nested(_shared) == are_nested(_outermost) == [False]
     assert _inmost(4.0) == 3.0
+    assert are_nested(_inmost) == [False]
     assert _sum(1.0, numbers) == total
+    assert are_nested(_sum) == [False]
     assert _shared(1.0, numbers) == 2.0 * total
-    assert are_nested(_inmost) == are_nested(_sum) == [False]
 
     # other signatures, and a function of the user's that calls them
     assert _sum(1, numbers.astype(np.float32)) == total
