@@ -27,6 +27,18 @@ UNFINISHED = "unfinished"
 _ELSEWHERE = "choose another folder with --out"
 
 
+def log_in(source: Path) -> Path:
+    """The log that a path names: of the results folder of a flight, that in it. LaisnError if it is
+    a folder without one.
+    """
+    if not source.is_dir():
+        return source
+    log = source / LOG
+    if not log.exists() and not partial_path(log).exists():
+        raise LaisnError(f"{source}: is a folder without {LOG}; expected a log, or a flight's folder")
+    return log
+
+
 def require_safe(
     folder: Path, source: Path | None = None, flown_text: Callable[[], str] = str
 ) -> None:

@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight import fly as flying
-from experiments.flight.library import as_scenario, load_scenario
+from experiments.flight.folder import log_in
+from experiments.flight.library import as_scenario, load_scenario, scenario_names
 from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
 from laisn.plugins import register, takes_readings
@@ -43,9 +44,9 @@ def flight_of(
     check: Callable[[Scenario], None] = lambda _: None,
 ) -> simulated.FlightRecord:
     """Fly a scenario (name or TOML file) with overrides "key=value", or read the log of a flight
-    (`.mcap`). A scenario is flown if `check` raises no error.
+    (`.mcap`, or its folder). A scenario is flown if `check` raises no error.
     """
-    path = Path(source)
+    path = Path(source) if source in scenario_names() else log_in(Path(source))
     if path.suffix != ".mcap":
         scenario = load_scenario(source, assignments, flyable=True)
         check(scenario)

@@ -115,6 +115,7 @@ def range_budget(
     ] = None,
 ) -> None:
     """Print the error budget of the ranges: pitch, motion, echoes, sound, clocks, noise, depth."""
+    import numpy as np
     from rich.console import Console
 
     from experiments.campaign.progress import print_line, show_table
@@ -129,7 +130,12 @@ def range_budget(
     console = Console()
     heads = ("cause", *Ranges._fields, "front − rear, rms", "largest")
     for i, name in enumerate(flight.trajectory.names[1:]):
-        shares = share_table(range_error_budget(flight, i))
+        budget = range_error_budget(flight, i)
+        if not np.isfinite(budget.error).any():
+            text = f"{name} received no ping, or navigates on answers, of which there is no budget"
+            print_line(console, text, "note:")
+            continue
+        shares = share_table(budget)
         lines = [[cell.text for cell in row] for row in shares.rows]
         show_table(
             console, heads, lines, f"{name}: rms shares of the range errors [cm]", shares.caption

@@ -459,6 +459,11 @@ def fly_and_write(
         print_line(console, "a bug in the program" if is_bug else film_error, "no film:")
     note = " (replaces the earlier flight)" if replaces else ""
     print_line(console, f"results in {folder}{note}")
+    if with_bag:
+        from sim.log.ros2 import remarks_of_left_out
+
+        for remark in remarks_of_left_out(folder / LOG):
+            print_line(console, remark, "note:")
     if film_error and is_bug:
         raise film_error
     return flight.outcome

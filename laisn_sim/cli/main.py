@@ -46,7 +46,24 @@ def every_command(
 log_app = typer.Typer(help="Inspect, export, repair and import logs.", no_args_is_help=True)
 app.add_typer(log_app, name="log")
 
-LogArgument = Annotated[Path, typer.Argument(help="an MCAP log")]
+
+
+def _log(text: str) -> Path:
+    # what it needs is loaded for the commands that read logs
+    from experiments.flight.folder import log_in
+
+    try:
+        return log_in(Path(text))
+    except LaisnError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+LogArgument = Annotated[
+    Path,
+    typer.Argument(
+        parser=_log, metavar="LOG", help="an MCAP log, or the folder of a flight, which has one"
+    ),
+]
 
 
 @app.command()
@@ -280,7 +297,11 @@ def render(  # noqa: PLR0913 - an argument for each option of the command
 def replay(
     log: Annotated[
         Path,
-        typer.Argument(help="a log (.mcap) of a flight, or of a real vehicle with its channels"),
+        typer.Argument(
+            parser=_log,
+            metavar="LOG",
+            help="a log (.mcap) of a flight, or its folder; or of a real vehicle with its channels",
+        ),
     ],
     variant: Annotated[
         str | None,
@@ -436,12 +457,11 @@ def log_export(
         files = [folder / f"{log.stem}.glb"]
         write_gltf(flight, files[0])
     elif ros2:
-        from sim.log.ros2 import left_out, write_bag
+        from sim.log.ros2 import remarks_of_left_out, write_bag
 
         files = write_bag(log, folder)
-        topics = left_out(log)
-        if topics:
-            echo(f"note: not in the bag, but in {log}: {', '.join(topics)}")
+        for remark in remarks_of_left_out(log):
+            echo(f"note: {remark}")
     elif rerun:
         folder.mkdir(parents=True, exist_ok=True)
         files = [write_recording(log, folder / f"{log.stem}.rrd")]

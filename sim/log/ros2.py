@@ -847,6 +847,14 @@ def left_out(log_path: Path) -> list[str]:
     return sorted(topic for topic in log.topics if topic.rpartition("/")[2] in _KEPT_IN_LOGS)
 
 
+def remarks_of_left_out(log_path: Path) -> list[str]:
+    """What to say of the topics of a flight's log that its bag has not; LogError if the log cannot
+    be read.
+    """
+    topics = left_out(log_path)
+    return [f"not in the bag, but in {log_path}: {', '.join(topics)}"] if topics else []
+
+
 def write_measurement_bag(flight: FlightRecord, folder: Path) -> list[Path]:
     """Write what the followers of a flight measured as a ROS 2 bag, without truth and estimates;
     returns its files. Errors as of `write_bag`.

@@ -133,11 +133,15 @@ def test_the_parts_of_a_page_are_the_scene_of_the_flight(monkeypatch: pytest.Mon
     assert "flown to its end" in messages[-1]["over"]
 
 
+SPEED_BOX = "document.getElementById('scene-speed')"
+SPEED = f"{SPEED_BOX}.value"
+
+
 @pytest.mark.system
 @pytest.mark.skipif(browser.executable() is None, reason="no Chromium is installed")
 def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
     east = "replay.view.poses[0].position.x"
-    simulation = laisn_sim.Simulation("T5", {"duration_s": 600.0}, live=20.0)
+    simulation = laisn_sim.Simulation("T5", {"duration_s": 600.0}, live=18.0)
     view = simulation.live
     assert view is not None
 
@@ -152,6 +156,7 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
             assert view.changed.wait_for(lambda: bool(view.page), 60)
         page.visit(view.address, "#q=0")
         page.wait("replay.state.playing && replay.state.frames > 2")
+        assert page.run(SPEED) == "18"
         before = page.run(east)
         page.wait(f"{east} > {before} + 5")
         page.run("document.getElementById('scene-play').click()")
@@ -171,6 +176,9 @@ def test_a_page_shows_moving_hulls_and_pauses_the_mission() -> None:
         assert page.problems == []
         view.close()
         page.wait("replay.live.over")
+        # a replay has no "fastest", and goes on at the speed of the mission
+        assert page.run(SPEED) == "18"
+        assert page.run(f"!{SPEED_BOX}.querySelector('[value=\"0\"]')")
     flying_thread.join(20)
 
 

@@ -250,7 +250,7 @@ class Replay {
     this.mission.last = this.mission.end;
     slider.max = this.mission.end;
     element("length").textContent = `of ${clock(this.mission.end)}`;
-    element("speed").lastElementChild.remove();
+    element("speed").querySelector('[value="0"]').remove();
     element("speed").onchange = (event) => {
       this.state.speed = Number(event.target.value);
     };

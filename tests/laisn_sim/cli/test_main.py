@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from importlib.metadata import version
+import re
 from pathlib import Path
 
 import numpy as np
@@ -198,6 +199,33 @@ def test_a_printed_scenario_is_a_valid_scenario_file(tmp_path: Path) -> None:
     assert checked.exit_code == 0
     assert "valid" in checked.output
     assert "T9" in CliRunner().invoke(app, ["scenarios"]).output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["log", "info"],
+        ["range-budget"],
+        ["log", "export", "--format", "csv"],
+        ["replay", "--variant", "tight"],
+    ],
+)
+def test_the_folder_of_a_flight_stands_for_its_log(
+    flown_folder: Path, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    folder = flown_folder / "first"
+    results = [CliRunner().invoke(app, [*words, str(folder / name)]) for name in ("", "flight.mcap")]
+    assert [result.exit_code for result in results] == [0, 0]
+    outputs = [result.output.replace(" (replaces an earlier file)", "") for result in results]
+    assert outputs[0] == outputs[1] != ""
+
+
+@pytest.mark.parametrize("words", [["log", "info"], ["range-budget"], ["view"], ["replay"]])
+def test_a_folder_without_a_log_is_named(words: list[str], tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, [*words, str(tmp_path)])
+    assert result.exit_code == 2
+    assert "folder without flight.mcap" in re.sub(r"[\s│]+", " ", result.output)
 
 
 def test_a_range_budget_has_a_row_for_each_received_range_of_a_log(
