@@ -35,7 +35,9 @@ def log_in(source: Path) -> Path:
         return source
     log = source / LOG
     if not log.exists() and not partial_path(log).exists():
-        raise LaisnError(f"{source}: is a folder without {LOG}; expected a log, or a flight's folder")
+        raise LaisnError(
+            f"{source}: is a folder without {LOG}; expected a log, or a flight's folder"
+        )
     return log
 
 

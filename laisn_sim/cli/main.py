@@ -47,7 +47,6 @@ log_app = typer.Typer(help="Inspect, export, repair and import logs.", no_args_i
 app.add_typer(log_app, name="log")
 
 
-
 def _log(text: str) -> Path:
     # what it needs is loaded for the commands that read logs
     from experiments.flight.folder import log_in

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 ScenarioArgument = Annotated[
     str, typer.Argument(help="T2 … T9, another built-in name, or a TOML file")
 ]
-SourceArgument = Annotated[str, typer.Argument(help="a scenario; or a log (.mcap), or a flight's folder")]
+SourceArgument = Annotated[
+    str, typer.Argument(help="a scenario; or a log (.mcap), or a flight's folder")
+]
 
 
 def _load_plugins(files: list[Path] | None) -> None:

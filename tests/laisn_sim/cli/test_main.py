@@ -1,10 +1,10 @@
 """The command: what it writes, that it repeats to the byte, and what it looks into."""
 
 import json
+import re
 import subprocess
 import sys
 from importlib.metadata import version
-import re
 from pathlib import Path
 
 import numpy as np
@@ -215,7 +215,9 @@ def test_the_folder_of_a_flight_stands_for_its_log(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     folder = flown_folder / "first"
-    results = [CliRunner().invoke(app, [*words, str(folder / name)]) for name in ("", "flight.mcap")]
+    results = [
+        CliRunner().invoke(app, [*words, str(folder / name)]) for name in ("", "flight.mcap")
+    ]
     assert [result.exit_code for result in results] == [0, 0]
     outputs = [result.output.replace(" (replaces an earlier file)", "") for result in results]
     assert outputs[0] == outputs[1] != ""
