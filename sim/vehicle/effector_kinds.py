@@ -260,8 +260,9 @@ def propeller_load(
     """Thrust, less the thrust deduction [N], and torque on the hull [N m] (Fossen 2021, chapter 9).
 
     K_T and K_Q fall linearly with J = (1 − w) u / (n D), with `rate` n [1/s] and `inflow` u, the
-    speed of the propeller along its axis [m/s]. Astern, and in water from behind, they are those of
-    J = 0. `parameters` are those of `Propeller`.
+    speed of the propeller along its axis [m/s]. A propeller that turns astern is the mirror image
+    of one that turns ahead: thrust and torque change their signs with n and u. In water against
+    its thrust, n u < 0, K_T and K_Q are those of J = 0. `parameters` are those of `Propeller`.
     """
     diameter = parameters[0]
     kt0 = parameters[1]
@@ -272,9 +273,11 @@ def propeller_load(
     deduction = parameters[6]
     torque_share = parameters[7]
     # thrust K_T ρ |n| n D⁴ and torque K_Q ρ |n| n D⁵, with J n D = (1 − w) u: no division by n
+    ahead = select(rate > 0.0, max(inflow, 0.0), 0.0)
+    with_rotation = select(rate < 0.0, min(inflow, 0.0), ahead)
     mass_rate = density * (diameter * diameter * diameter) * abs(rate)
     rotation = rate * diameter
-    advance = select(rate > 0.0, (1.0 - wake) * max(inflow, 0.0), 0.0)
+    advance = (1.0 - wake) * with_rotation
     thrust = (1.0 - deduction) * mass_rate * (kt0 * rotation + kt_slope * advance)
     torque = torque_share * mass_rate * diameter * (kq0 * rotation + kq_slope * advance)
     return thrust, torque
@@ -324,16 +327,19 @@ class Propeller(EffectorKind):
         kt_slope = effector.parameters[2]
         wake = effector.parameters[5]
         deduction = effector.parameters[6]
-        inflow = max(speed * effector.force[0], 0.0)
-        # thrust = quadratic n² + 2 half_linear n ahead, −quadratic n² astern
+        # moving astern along its axis it is the mirror image of one that moves ahead
+        inflow = speed * effector.force[0]
+        side = select(inflow < 0.0, -1.0, 1.0)
+        mirrored_force = side * force
+        # thrust = quadratic n² + 2 half_linear n with the flow, −quadratic n² against it
         scale = (1.0 - deduction) * density * (diameter * diameter * diameter)
         quadratic = scale * kt0 * diameter
-        half_linear = 0.5 * scale * kt_slope * (1.0 - wake) * inflow
-        discriminant = half_linear * half_linear + quadratic * force
-        is_ahead = discriminant >= 0.0
-        ahead = (-half_linear + np.sqrt(select(is_ahead, discriminant, 0.0))) / quadratic
-        astern = -np.sqrt(select(is_ahead, 0.0, -force / quadratic))
-        return float(select(is_ahead, ahead, astern))
+        half_linear = 0.5 * scale * kt_slope * (1.0 - wake) * abs(inflow)
+        discriminant = half_linear * half_linear + quadratic * mirrored_force
+        is_with_flow = discriminant >= 0.0
+        with_flow = (-half_linear + np.sqrt(select(is_with_flow, discriminant, 0.0))) / quadratic
+        against = -np.sqrt(select(is_with_flow, 0.0, -mirrored_force / quadratic))
+        return float(side * select(is_with_flow, with_flow, against))
 
     def scale(self, record: Effector, thrust_ratio: float, lift_ratio: float) -> None:
         """See `EffectorKind.scale`."""

@@ -15,7 +15,7 @@ from experiments.flight.library import vehicle_rows
 from laisn.arrays import Floats
 from sim.assembly import routes_of
 from sim.control.allocation import PITCH, SURGE, YAW, allocate, pseudo_inverse, pseudo_inverse_at
-from sim.control.autopilot import design, top_speed
+from sim.control.autopilot import AUTOPILOT_MEMORY, apply_wrench, design, top_speed
 from sim.control.guidance import reference
 from sim.control.stability import least_radius, steady_turn
 from sim.scenario.parts import MissionPlan
@@ -34,6 +34,7 @@ from sim.vehicle.effector_kinds import (
     Thruster,
 )
 from sim.vehicle.effectors import Fitted, kind_of, number_of
+from sim.vehicle.hull_file import from_dimensions
 from sim.vehicle.hydrodynamics import coupled_damping
 from sim.vehicle.mjcf import VehicleSetup, spec_of
 from sim.vehicle.own_hull import hull_errors
@@ -166,6 +167,88 @@ def test_propeller_has_thrust_and_torque_of_its_coefficients() -> None:
         astern[[0, 3]],
         [-0.9 * 0.4566 * RHO * n**2 * diameter**4, -0.07 * RHO * n**2 * diameter**5 / 10],
     )
+
+
+NO_TURN = (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("n", [-20.0, -6.0, 6.0, 20.0])
+@pytest.mark.parametrize("u", [-1.6, -0.5, 0.0, 0.5, 1.6])
+def test_propeller_astern_is_the_mirror_image_of_one_ahead(n: float, u: float) -> None:
+    """Seen from behind, a propeller that turns astern turns ahead: signs of rate, flow, thrust and
+    torque change together. On an axis that points astern, force and moment stay the same.
+    """
+    propeller = plant_of("remus100").effectors[0, :1]
+    load = effector_load(propeller, n, (u, 0.0, 0.0), NO_TURN)
+    mirrored = effector_load(propeller, -n, (-u, 0.0, 0.0), NO_TURN)
+    np.testing.assert_array_equal(mirrored, -load)
+    turned = propeller.copy()
+    turned["force"] *= -1.0
+    turned["torque"] *= -1.0
+    np.testing.assert_array_equal(effector_load(turned, -n, (u, 0.0, 0.0), NO_TURN), load)
+    # with the flow by the advance, against it as at rest
+    square = 0.14**4 * n * abs(n)
+    advance = max(0.944 * u / (n * 0.14), 0.0)
+    assert load[0] == pytest.approx(0.9 * RHO * square * (0.4566 - 0.41737 * advance), rel=1e-9)
+    torque = 0.1 * RHO * square * 0.14 * (0.07 - 0.058504 * advance)
+    assert load[3] == pytest.approx(torque, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [-2.0, -0.6, 0.0, 0.6, 2.0])
+@pytest.mark.parametrize("force", [-60.0, -9.0, -0.5, 0.0, 0.5, 9.0, 60.0])
+def test_limits_and_states_of_a_propeller_astern_are_mirrored(speed: float, force: float) -> None:
+    propeller = plant_of("remus100").effectors[0, 0]
+    low, high = effectors.force_limits(BUILT_IN, propeller, RHO, speed)
+    assert effectors.force_limits(BUILT_IN, propeller, RHO, -speed) == (-high, -low)
+    state = effectors.state_for(BUILT_IN, propeller, RHO, force, speed)
+    assert state == -effectors.state_for(BUILT_IN, propeller, RHO, -force, -speed) or speed == 0.0
+    # a force the way the vehicle moves, or none, is given; some against it begin with a jump
+    if force * speed >= 0.0:
+        record_of_one = np.array([propeller], dtype=EFFECTOR)
+        load = effector_load(record_of_one, state, (speed, 0.0, 0.0), NO_TURN)
+        assert load[0] == pytest.approx(force, rel=1e-9, abs=1e-9)
+
+
+def torpedo(gear: str = "1 0 0 0 0 0") -> str:
+    """A hull with a propeller without torque on it."""
+    text = from_dimensions(1.8, 0.2, 50.0, fins="x", propeller=0.14).xml()
+    text = re.sub(r'(site="propeller" gear=)"[^"]*"', rf'\1"{gear}"', text)
+    return re.sub(r'("propeller.propeller" data="[^"]*) \S+"', r'\1 0"', text)
+
+
+@pytest.mark.parametrize("gear", ["1 0 0 0 0 0", "-1 0 0 0 0 0"])
+def test_a_propeller_on_an_axis_that_points_astern_drives_a_hull_at_the_same_speed(
+    gear: str,
+) -> None:
+    """At 10 1/s ahead, at the speed where thrust, with its inflow, and drag balance."""
+    plant = plant_of(torpedo(gear), speed=1.0)
+    c, fins = plant.coefficients[0], plant.effectors[0, 1:]
+    area = c["hull_lift"][0] * c["hull_lift"][1] + (fins["parameters"][:, 0] * 0.01).sum()
+    diameter, kt, kt_slope, _, _, wake, deduction, _ = plant.effectors["parameters"][0, 0]
+
+    def balance(u: float) -> float:
+        thrust = kt * 10.0 * diameter + kt_slope * (1.0 - wake) * u
+        linear = c["linear_damping"][0] * np.exp(-c["linear_damping_fade"][0] * u) * u
+        drag = 0.5 * RHO * area * u * u + linear
+        return float((1.0 - deduction) * RHO * diameter**3 * 10.0 * thrust - drag)
+
+    command = np.zeros((1, 5))
+    command[0, 0] = 10.0 if gear.startswith("1") else -10.0
+    plant.step(command, 5000)
+    speed = brentq(balance, 0.1, 5.0)
+    assert np.linalg.norm(plant.twist[0, :3]) == pytest.approx(speed, abs=1e-4)
+    # the autopilot expects the same of it
+    ahead, (d,) = design(plant_of(torpedo()), (None,))[0], design(plant, (None,))
+    assert top_speed(d) == top_speed(ahead)
+    for wanted in (-3.0, 2.0, 20.0):
+        states = []
+        for autopilot in (ahead, d):
+            memory = np.zeros(1, AUTOPILOT_MEMORY).view(np.recarray)[0]
+            memory.wrench[SURGE] = wanted
+            answer = np.zeros(5)
+            apply_wrench(BUILT_IN, autopilot.view(np.recarray)[()], 1.2, memory, answer)
+            states.append(answer[0] * autopilot["effectors"]["force"][0, 0])
+        assert states[0] == states[1]
 
 
 @pytest.mark.parametrize("name", PUBLISHED_VEHICLES)

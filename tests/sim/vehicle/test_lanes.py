@@ -122,6 +122,33 @@ def test_vehicles_of_one_plant_move_as_each_does_alone(
     require_same_state(in_lanes, one_by_one)
 
 
+@pytest.mark.system
+def test_propellers_astern_move_in_lanes_as_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hulls that are braked, go astern, and are braked again: all quadrants of a propeller."""
+    plants = []
+    for max_alone in (lanes.MAX_ALONE, 2 * LANES):
+        monkeypatch.setattr(lanes, "MAX_ALONE", max_alone)
+        plants.append(fleet(("remus100",) * 9))
+    in_lanes, one_by_one = plants
+    assert isinstance(in_lanes.step_handles(), FleetHandles)
+    assert not isinstance(one_by_one.step_handles(), FleetHandles)
+    command = np.zeros((9, 5))
+    signs = set()
+    for share in (-1.0, 0.8):
+        command[:, 0] = share * np.linspace(5.0, 20.0, 9)
+        for _ in range(300):
+            for plant in plants:
+                plant.step(command, 5)
+            rates = np.sign(in_lanes.effector_states[:, 0])
+            headings = 0.4 * np.arange(9)
+            along = (
+                np.cos(headings) * in_lanes.twist[:, 1] + np.sin(headings) * in_lanes.twist[:, 0]
+            )
+            signs.update(zip(rates, np.sign(along), strict=True))
+    require_same_state(in_lanes, one_by_one)
+    assert len(signs) >= 4
+
+
 def message_of_failed_step(plant: Plant, command: np.ndarray) -> str:
     with pytest.raises(PlantError) as failure:
         plant.step(command, 100)
