@@ -73,6 +73,14 @@ def plugin_files() -> dict[str, Path]:
     return {file.stem: file for file in files}
 
 
+def plugin_options() -> list[str]:
+    """Options of a command that load these plugins; files below the current folder from there."""
+    here = Path.cwd()
+    files = plugin_files().values()
+    paths = [file.relative_to(here) if file.is_relative_to(here) else file for file in files]
+    return [word for path in paths for word in ("--plugin", str(path))]
+
+
 def _is_as_read(name: str, sources: Sources) -> bool:
     """Whether Python has not imported a module of a plugin yet, or from the same source."""
     if name not in sys.modules:

@@ -49,7 +49,7 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     assumed = in_si(dict(navigation.assume))
     estimated = navigation.estimated
     drift = navigation.assume.drift
-    moves = sensing.sound.sea.ocean.has_current
+    moves = sensing.has_current
     has_leader_heading_bias = (
         sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
     )

@@ -6,6 +6,7 @@ import re
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from html import unescape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -69,12 +70,12 @@ def formula(text: str) -> str:
         index = f"_{{\\mathrm{{{match[2]}}}}}" if match[2] else ""
         return f"${match[1]}{index}$"
 
-    return _SYMBOL.sub(symbol, markup)
+    return unescape(_SYMBOL.sub(symbol, markup))
 
 
 def _slug(text: str) -> str:
     """Words of a text as a name of a file."""
-    spoken = re.sub(r"\[.*?\]|<.*?>", "", text).lower()
+    spoken = unescape(re.sub(r"\[.*?\]|<.*?>", "", text)).lower()
     return re.sub(r"[^a-z0-9]+", "-", spoken).strip("-")
 
 
@@ -90,7 +91,7 @@ class DrawnFigure:
     def labels(self) -> str:
         """What its axes show, in words."""
         texts = [self.layout["xaxis"]["title"]["text"], *(a["title"]["text"] for a in self.axes)]
-        return re.sub(r"</?\w+>", "", ", ".join(filter(None, texts)))
+        return unescape(re.sub(r"</?\w+>", "", ", ".join(filter(None, texts))))
 
     @property
     def axes(self) -> list[Mapping[str, Any]]:

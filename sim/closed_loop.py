@@ -491,8 +491,10 @@ class PythonClosedLoop:
         self._broadcast_offsets = parts.broadcast_offsets
         self.latest_custom: list[dict[str, Floats]] = [{} for _ in parts.custom_sensing]
         """Readings of further sensors at the last filter step, of each follower."""
-        # how many filter steps have been navigated, shape (1,), as senders of messages look it up
+        # how many filter steps have been navigated, and how many read, shapes (1,), as senders of
+        # messages look them up
         self._steps = np.zeros(1, dtype=np.int64)
+        self._read = np.zeros(1, dtype=np.int64)
         for receiver in self.receivers.values():
             self._set_content(receiver)
 
@@ -520,6 +522,7 @@ class PythonClosedLoop:
                 start=self._start(f),
                 hydrophone=self.state.sites.hydrophones[f],
                 steps=self._steps,
+                read=self._read,
             )
         if receiver.link.readings:
             receiver.readings_of = self._readings_at
@@ -563,10 +566,14 @@ class PythonClosedLoop:
                 state.broadcast[k // stride] = self.leader.sender.content(k // stride * dt, dt)
         is_due = sense(k, truth, state)
         if k % stride == 0:
+            self._read[0] = k // stride
             self._receive(k)
             self._answer(k, truth)
         if is_due:
             self._read_custom(k, truth)
+            # those of this step, which an acoustic sensor reads as its vehicle receives
+            for receiver in self.receivers.values():
+                receiver.take_readings(k, range(state.kinds.size))
             for group in self.groups:
                 failed = failed or self._navigate(k // stride, group, truth)
             self._steps[0] = k // stride

@@ -14,7 +14,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name, kept_with_plugins
 from sim.assembly import are_at_baseline_and_offset, routes_of, setups_of
-from sim.cautions import assumption_cautions
+from sim.cautions import assumption_cautions, effect_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
     INCIDENCE_MAX,
@@ -527,11 +527,11 @@ def _transmitters_off_axis(plan: MissionPlan, leader: Leader) -> list[str]:
 
 
 def cautions(scenario: Scenario) -> list[str]:
-    """What a flyable scenario has that its navigators or followers cannot cope with, a line
-    each.
+    """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
+    effect, a line each.
     """
     sensing_of = sensing_of_each(scenario)
-    remarks: list[str] = []
+    remarks = effect_cautions(scenario)
     for i, sensing in enumerate(sensing_of):
         if i == 0 or sensing is not sensing_of[0]:
             remarks += assumption_cautions(sensing, scenario.navigation_of(i))

@@ -158,6 +158,7 @@ class LeaderUnit:
             start=start,
             hydrophone=self._hydrophone,
             steps=self.steps,
+            read=self.steps,
         )
         self._control: CustomControl | None = None
         if leader.controller:
@@ -198,6 +199,7 @@ class LeaderUnit:
             )
             for receiver in self._receivers:
                 receiver.receive(k, [self._receiver_number])
+                receiver.take_readings(k, [self._receiver_number])
             if step > 0:
                 row = self.reading[0]
                 self._measured.own[0, step - 1] = row.speed, row.heading, row.depth

@@ -77,16 +77,18 @@ class Sender(NamedTuple):
     covariance: Floats  # of the state, shape (n, 4, 4), or (0, 4, 4): not recorded
     start: Floats  # of the state, shape (4,)
     hydrophone: Floats  # from the origin of its hull, shape (3,), [m]
-    steps: Ints  # how many filter steps there are until now, shape (1,)
+    steps: Ints  # how many filter steps are navigated until now, shape (1,)
+    read: Ints  # how many of them are read, shape (1,)
 
     def content(self, time: float, dt: float) -> Floats:
-        """What a message holds that leaves at a time [s], shape (10,): its readings and its
+        """What a message holds that leaves at a time [s], shape (10,): its last readings, and its
         estimate at the last filter step, brought forward by the velocity.
         """
-        step = min(math.floor(time / dt + 1e-6), int(self.steps[0]))
+        begun = math.floor(time / dt + 1e-6)
+        step = min(begun, int(self.steps[0]))
         row = np.full(len(LeaderMessage._fields), np.nan)
         state = self.state[step - 1] if step > 0 else self.start
-        speed, heading, depth = self.readings[max(step - 1, 0)]
+        speed, heading, depth = self.readings[max(min(begun, int(self.read[0])) - 1, 0)]
         forward, port, _ = self.hydrophone
         sine = math.sin(heading)
         cosine = math.cos(heading)
@@ -203,7 +205,9 @@ class Receiver:
         return float(self.hearing.inbox.last_sent[i] * self.hearing.sensors.dt)
 
     def _complete(self, step: int, i: int) -> None:
-        """Put into a message what its sender knows, and leave out what it does not hold."""
+        """Put into a message what its sender knows, and leave out what it does not hold; its
+        readings follow by `take_readings`.
+        """
         hearing = self.hearing
         inbox = hearing.inbox
         dt = hearing.sensors.dt
@@ -213,14 +217,6 @@ class Receiver:
             values[:] = self.sender.content(sent_time, dt)
         values[self.link.hidden] = np.nan
         inbox.ranges[i, self.link.transmitters :] = np.nan
-        self.content[i] = {}
-        if self.readings_of is not None:
-            emission_step = math.floor(sent_time / dt + 1e-6)
-            readings = self.readings_of(self.link.sender, emission_step)
-            nothing_received = np.full(0, np.nan)
-            self.content[i] = {
-                name: readings.get(name, nothing_received) for name in self.link.readings
-            }
         hearing.arrived[i] = True
         if step > 0:
             m = hearing.measured.messages[i]
@@ -228,7 +224,25 @@ class Receiver:
             hearing.measured.message_step[i, m] = step
             hearing.measured.message[i, m] = values
             hearing.measured.ranges[i, m] = inbox.ranges[i]
-            self._contents[i].append(self.content[i])
+
+    def take_readings(self, k: int, receivers: Sequence[int]) -> None:
+        """Put readings of the sender's further sensors into the messages that have come at instant
+        k, a filter step.
+        """
+        dt = self.hearing.sensors.dt
+        for i in receivers:
+            if i not in self.receives or not self.hearing.arrived[i]:
+                continue
+            self.content[i] = {}
+            if self.readings_of is not None:
+                emission_step = math.floor(self.sent_time(i) / dt + 1e-6)
+                readings = self.readings_of(self.link.sender, emission_step)
+                nothing_received = np.full(0, np.nan)
+                self.content[i] = {
+                    name: readings.get(name, nothing_received) for name in self.link.readings
+                }
+            if k > 0:
+                self._contents[i].append(self.content[i])
 
     def record_readings(self, step: int, readings: Floats) -> None:
         """Record the followers' own readings at a filter step, shape (f, 6)."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from laisn.errors import printable, shortened
 from laisn.navigators import NAVIGATORS
+from laisn.plugins import plugin_options
 from sim.scenario.file import (
     LARGEST_BYTES,
     Location,
@@ -185,7 +186,7 @@ def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
     changes = (
         word for key, value in settings.items() for word in ("--set", f"{key}={text_of(value)}")
     )
-    return shlex.join(["laisn", "fly", source, "--run", str(run), *changes])
+    return shlex.join(["laisn", "fly", source, *plugin_options(), "--run", str(run), *changes])
 
 
 def descriptions() -> dict[str, str]:

@@ -9,9 +9,9 @@ from functools import partial
 from itertools import combinations
 from os.path import relpath
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError
+from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from experiments.flight.library import name_of, scenario_names
 from experiments.study.design import LAWS, Design, Draw, Factor, is_rule
@@ -71,6 +71,12 @@ class Runs(Section):
 
     batch: Annotated[int, Field(ge=FEWEST_RUNS, le=1_000_000)] = 60
     until: Until
+
+    @model_validator(mode="after")
+    def _one_batch(self) -> Self:
+        if self.until.most < self.batch:
+            raise ValueError(f"until.most = {self.until.most} is below batch = {self.batch}")
+        return self
 
 
 class Group(Section):

@@ -96,6 +96,18 @@ _LABELS_AND_MEANINGS = _DATA["errors"] | _PERCENTILES | _FIXES | MISSION_METRICS
 METRICS: dict[str, Metric] = {
     name: _metric(name, label, meaning) for name, (label, meaning) in _LABELS_AND_MEANINGS.items()
 }
+RUN_METRICS = (
+    "e_p_mean_m",
+    "e_p_max_m",
+    "e_p_rms_m",
+    "e_b_mean_deg",
+    "e_b_max_deg",
+    "mirror_locked",
+    "gated",
+    "nees",
+    "nis",
+)
+"""Those that single runs of a mission have which runs share; each run of a closed loop has more."""
 # metrics that a run either has or has not: 1 or 0
 SHARES = frozenset({"mirror_locked", "lost", "touched", "ended"})
 

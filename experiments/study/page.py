@@ -3,6 +3,7 @@ look at.
 """
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -23,8 +24,10 @@ from experiments.study.estimate import (
 from experiments.study.file import METRIC, Study
 from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, varied
+from experiments.study.run import largest_half_width
+from laisn.plugins import plugin_options
 from reports import page as pages
-from reports.intervals import Interval
+from reports.intervals import FEWEST_RUNS, Interval
 from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
 
 _MAX_COMMAND_PLACES = 400  # places whose runs have commands
@@ -96,6 +99,15 @@ def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]
     return plan.by_design_key[condition.point, condition.arm, realization], run, condition.follower
 
 
+def _altered_by(plan: StudyPlan, entry: PlanEntry) -> str:
+    """The key of a study that alters what is measured in an entry beside the scenario's keys; empty
+    if there is none.
+    """
+    if plan.study.disturb_at(plan.points[entry.point], entry.arm):
+        return "disturb"
+    return "" if plan.study.arm(entry.arm).leader_pitch_deg is None else "leader_pitch_deg"
+
+
 def commands(plan: StudyPlan, results: Results) -> str:
     """For the first places the commands that fly the worst and the median run alone."""
     lines = []
@@ -110,6 +122,10 @@ def commands(plan: StudyPlan, results: Results) -> str:
                 f"# {_place_text(plan, condition)}: {extreme} run, {run}{realization_text}"
             )
             entry = plan.by_design_key[condition.point, condition.arm, realization]
+            altered_by = _altered_by(plan, entry)
+            if altered_by:
+                lines.append(f"# laisn fly has no {altered_by}: only the study flies it")
+                continue
             row = next(row for row in results.rows[condition] if row["realization"] == realization)
             measured = {key: row[key] for key in entry.measured}
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
@@ -234,6 +250,25 @@ class StudyPage:
         return any(not math.isnan(estimate.low) for estimate in self.estimates.values())
 
     @property
+    def interval_notes(self) -> list[str]:
+        """Why there are no intervals, or wide ones."""
+        file = self.study.file
+        notes = []
+        if file.realizations == 1 and self.study.runs < FEWEST_RUNS:
+            notes.append(
+                f"no intervals and no verdicts: they need {FEWEST_RUNS} runs of a realization, "
+                f"there are {self.study.runs}"
+            )
+        until = self.study.until
+        half_width = largest_half_width(self.results, until.metric) if until else 0.0
+        if until and half_width > until.half_width:
+            notes.append(
+                f"after {until.most} runs, the most of runs.until, an interval of {until.metric} "
+                f"has half a width of {half_width:.3g}, not {until.half_width:g}"
+            )
+        return notes
+
+    @property
     def extremes(self) -> list[tuple[Condition, str]]:
         """The places of the lowest and the highest value, and these in words."""
         places = self.ranked if len(self.ranked) < 2 else [self.ranked[0], self.ranked[-1]]
@@ -299,12 +334,6 @@ class StudyPage:
         return [draw.key for draw in self.study.draws if draw.key.startswith("ocean.waves.")]
 
     @property
-    def runs(self) -> int:
-        """Runs of all followers."""
-        followers = sum(len(entry.scenario.followers) for entry in self.plan.entries)
-        return self.study.runs * followers
-
-    @property
     def commands(self) -> Code:
         return Code(
             text=commands(self.plan, self.results),
@@ -324,6 +353,7 @@ class StudyPage:
     def facts(self) -> list[tuple[str, str]]:
         """What stands beside the title."""
         seeds = [row["seed"] for rows in self.results.rows.values() for row in rows]
+        words = ["laisn", "study", "study.toml", *plugin_options()]
         facts = [("scenario", ", ".join(self.study.scenarios))]
         if self.study.arms:
             facts.append(("arms", ", ".join(self.plan.arms)))
@@ -333,7 +363,7 @@ class StudyPage:
             ("runs", str(self.study.runs)),
             ("realizations", str(self.study.file.realizations)),
             ("engine", ", ".join(engines_of(self.plan))),
-            ("repeat it", "laisn study study.toml, the file in this folder"),
+            ("repeat it", f"{shlex.join(words)}, the file in this folder"),
         ]
 
 
@@ -367,12 +397,14 @@ def answer(plan: StudyPlan, results: Results) -> Answer:
             row.append(interval_text(page.differences[condition]) if is_compared else "–")
             row.append(page.verdicts[condition] if is_compared else "")
         rows.append(tuple(row))
-    left_out = len(results.rows) - len(places)
+    remarks = page.interval_notes
+    if len(places) < len(results.rows):
+        remarks.append(f"the lowest and highest of {len(results.rows)} places")
     return Answer(
         question=page.question_text,
         heads=tuple(heads),
         rows=tuple(rows),
-        remark=f"the lowest and highest of {len(results.rows)} places" if left_out else "",
+        remark="; ".join(remarks),
     )
 
 

@@ -19,7 +19,7 @@ from experiments.flight.library import missing_extras, table_of, text_of
 from experiments.study.design import follows_run, is_number, is_rule, points_of, value_at
 from experiments.study.file import ARM as ARM
 from experiments.study.file import CASE, ONLY_ARM, SCENARIO, Study, refusal
-from experiments.study.measure import METRICS, MISSION_METRICS
+from experiments.study.measure import METRICS, MISSION_METRICS, RUN_METRICS
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
 from sim.feasibility import engine_errors, infeasibilities
@@ -100,6 +100,15 @@ class StudyPlan:
     def followers(self) -> tuple[str, ...]:
         """Names of the followers; those of the first entry, which has as many as any."""
         return max((tuple(f.name for f in e.scenario.followers) for e in self.entries), key=len)
+
+    @property
+    def cell_runs(self) -> int:
+        """Runs of all followers; of arms in closed loop that fly every Nth one, these alone."""
+        return sum(
+            len(entry.scenario.followers)
+            * (len(self.runs_of(entry)) if entry.closed_loop else self.study.runs)
+            for entry in self.entries
+        )
 
     @property
     def flights(self) -> int:
@@ -213,10 +222,9 @@ def _report_errors(study: Study) -> list[str]:
     for key, metric in asked.items():
         if metric not in METRICS:
             similar = difflib.get_close_matches(metric, METRICS, n=3, cutoff=0.4)
-            lines.append(
-                f"  {key}: unknown metric {metric!r:.60}; "
-                f"available: {', '.join(similar or METRICS)}"
-            )
+            guess = " or ".join(similar)
+            hint = f"did you mean {guess}?" if similar else f"metrics are {', '.join(METRICS)}"
+            lines.append(f"  {key}: unknown metric {metric!r:.60}; {hint}")
     names = [*(factor.key for factor in study.factors), ARM, FOLLOWER]
     for name in ("against", "lines", "panels"):
         requested = getattr(report, name)
@@ -509,8 +517,8 @@ def plan_of(study: Study, *, quiet: bool = True, workers: int | None = 1) -> Stu
 
 
 def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
-    """A line if realizations would all be equal, and one if there are more runs than can be
-    numbered.
+    """A line if realizations would all be equal, one if runs have no metric by which they are
+    enough, and one if there are more than can be numbered.
     """
     errors = []
     has_irregular_waves = any(entry.scenario.ocean.waves.kind == "jonswap" for entry in entries)
@@ -520,6 +528,12 @@ def _number_errors(study: Study, entries: Sequence[PlanEntry]) -> list[str]:
             "set more runs instead"
         )
         errors.append(f"  realizations: {text}")
+    is_open = any(not entry.closed_loop for entry in entries)
+    if study.until and is_open and study.until.metric not in RUN_METRICS:
+        errors.append(
+            f"  runs.until.metric: {study.until.metric!r} is not a metric of single runs; these "
+            f"are {', '.join(RUN_METRICS)}"
+        )
     runs = study.until.most if study.until else study.runs
     last = max((entry.scenario.run for entry in entries), default=0) + runs
     if last > MAX_RUNS:

@@ -273,7 +273,7 @@ def _add_results(
         outcomes.steps.append(steps)
 
 
-def _largest_half_width(results: Results, metric: str) -> float:
+def largest_half_width(results: Results, metric: str) -> float:
     """Half of the widest interval of a metric of runs; infinite where too few runs have it for
     an interval.
     """
@@ -309,7 +309,7 @@ def _next_runs(outcomes: StudyResults) -> int:
     study = outcomes.plan.study
     if study.until is None:
         return study.runs
-    half_width = _largest_half_width(outcomes.results, study.until.metric)
+    half_width = largest_half_width(outcomes.results, study.until.metric)
     return runs_wanted(study.runs, half_width, study.until, study.file.batch)
 
 

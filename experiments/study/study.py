@@ -35,11 +35,12 @@ from experiments.study.run import (
 )
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
-from laisn.plugins import plugins_version
+from laisn.plugins import plugin_options, plugins_version
 from reports import page as pages
 from reports.findings import Finding, Findings, interval_finding, read_findings, record
 from reports.tables import Table
 from reports.version import code_version
+from sim.cautions import effect_cautions
 from sim.system import atomic_write
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def effort_text(study: Study, workers: int) -> str:
         f"{study.name}: {many(len(plan.points), 'point')}, {many(len(plan.arms), 'arm')}, "
         f"{many(study.file.realizations, 'realization')}, "
         f"{many(runs, 'run')} of noise{' at first' if study.until else ''}; "
-        f"{many(plan.flights, 'flight')}, {many(cells, 'cell')}, {many(cells * runs, 'run')}; "
+        f"{many(plan.flights, 'flight')}, {many(cells, 'cell')}, {many(plan.cell_runs, 'run')}; "
         f"about {max(seconds, 1):.0f} s and {size / 1e6:.0f} MB, if nothing is stored yet"
     )
 
@@ -188,6 +189,10 @@ def _look_at_worst(
     if film:
         films.append(pages.Film(path=render(flight, folder / "worst.mp4")))
     return films
+
+
+class WithoutEffect(LaisnWarning):
+    """A study sets or varies keys that have no effect."""
 
 
 class LeftOut(LaisnWarning):
@@ -254,7 +259,7 @@ def _write_record(
         study = first.plan.study
         findings = Findings(
             study=study.name,
-            command=command or f"laisn study {study.source}",
+            command=command or shlex.join(["laisn", "study", study.source, *plugin_options()]),
             modules=("experiments.study.study",),
             version=code_version(),
             findings=findings_of(first.plan, first.results),
@@ -308,6 +313,9 @@ def run_studies(
     quiet = options.get("quiet", False)
     workers = options.get("workers")
     plans = [plan_of(study, quiet=quiet, workers=workers) for study in studies.values()]
+    entries = (entry for plan in plans for entry in plan.entries)
+    for remark in dict.fromkeys(line for e in entries for line in effect_cautions(e.scenario)):
+        warnings.warn(remark, WithoutEffect, stacklevel=2)
     results = fly_until_narrow(plans, folder, **options)
     _require_flown(results, package)
     outcomes = dict(zip(studies, results, strict=True))

@@ -246,6 +246,11 @@ class SensingSettings:
         return self.sound.acoustics
 
     @property
+    def has_current(self) -> bool:
+        """Whether a current carries the vehicles: not those of the paper's point motion."""
+        return self.kind == "physics" and self.sound.sea.ocean.has_current
+
+    @property
     def without_random_errors(self) -> Self:
         """What is observed without the errors of a run follows from: alike for all settings that
         differ in these errors alone. An echo has a chance of a half, or none.

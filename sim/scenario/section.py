@@ -176,12 +176,19 @@ class Section(BaseModel):
         )
         return row.view(np.recarray)[0]
 
+    def changed_keys(self) -> list[str]:
+        """Keys whose values are not their defaults."""
+        return [
+            name
+            for name, field in type(self).model_fields.items()
+            if getattr(self, name) != field.get_default(call_default_factory=True)
+        ]
+
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """What differs from the defaults; all else would fill screens."""
-        for name, field in type(self).model_fields.items():
+        for name in self.changed_keys():
             value = getattr(self, name)
-            if value != field.get_default(call_default_factory=True):
-                yield name, shortened(value, 80) if isinstance(value, str) else value
+            yield name, shortened(value, 80) if isinstance(value, str) else value
 
 
 class FurtherKeys(Section):

@@ -12,7 +12,7 @@ from laisn_sim.cli.main import app
 from reports.figures import Line, Panel, Subplot, panel
 from reports.page import Figures, Page, PageSection, render
 from reports.style import PAPER, SERIES
-from reports.vector import chosen, draw, figures_of, formula
+from reports.vector import DrawnFigure, chosen, draw, figures_of, formula
 
 
 def page_with(panels: list[Panel], path: Path) -> Path:
@@ -137,6 +137,16 @@ def test_unknown_figures_and_pages_without_figures_are_reported(page: Path, tmp_
     other.write_text("<p>none</p>")
     with pytest.raises(LaisnError, match="expected a page of laisn with figures"):
         figures_of(other)
+
+
+def test_texts_of_pages_lose_what_html_needs() -> None:
+    assert (
+        formula("follower 1&#39;s depth &lt; 3 &amp; more [m]")
+        == "follower 1's depth < 3 & more [m]"
+    )
+    axis = {"title": {"text": "follower 1&#39;s depth [m]"}}
+    figure = DrawnFigure(name="a", data=(), layout={"xaxis": axis, "yaxis": axis})
+    assert figure.labels == "follower 1's depth [m], follower 1's depth [m]"
 
 
 def test_symbols_become_formulas() -> None:

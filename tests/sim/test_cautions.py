@@ -11,7 +11,14 @@ from typer.testing import CliRunner
 from experiments.flight.fly import fly
 from experiments.flight.library import as_scenario
 from laisn_sim.cli.main import app
-from sim.cautions import RULES, clock_error_s, distances, echo_excess_m, max_range_rate
+from sim.cautions import (
+    RULES,
+    clock_error_s,
+    distances,
+    echo_excess_m,
+    effect_cautions,
+    max_range_rate,
+)
 from sim.feasibility import cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
 from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
@@ -214,7 +221,24 @@ def test_a_current_adds_a_drift_that_logs_and_compasses_do_not_measure() -> None
     through_water = truth.forward_speed[:, 1] * np.sin(heading)
     drift = np.mean(truth.velocity[:, 1, 0] - through_water)
     assert drift == pytest.approx(0.3, abs=0.05)
-    assert cautions(scenario_of({**changes, "motion": "kinematic"})) == []
+    # points are not carried along
+    of_points = cautions(scenario_of({**changes, "motion": "kinematic"}))
+    assert of_points == ["without effect on motion = 'kinematic': ocean.current_speed_m_s"]
+    assert not SensingSettings.of(scenario_of({**changes, "motion": "kinematic"})).has_current
+
+
+def test_keys_of_bodies_without_effect_on_points_are_named() -> None:
+    changes = {
+        "ocean.waves.kind": "regular",
+        "leader.excess_buoyancy_n": 5.0,
+        "followers.0.drag_scale": 1.5,
+        "followers.0.depth_m": 12.0,
+    }
+    assert effect_cautions(scenario_of({**changes, "motion": "physics"})) == []
+    assert effect_cautions(scenario_of(changes)) == [
+        "without effect on motion = 'kinematic': ocean.waves, leader.excess_buoyancy_n, "
+        "followers[0].drag_scale"
+    ]
 
 
 def test_every_key_of_a_rule_exists_and_the_command_prints_cautions_first() -> None:

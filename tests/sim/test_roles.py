@@ -210,6 +210,47 @@ def test_another_receiver_of_an_answer_measures_no_round_trip(flown: Flight) -> 
 
 
 @pytest.mark.system
+@pytest.mark.parametrize("travel_time", [False, True])
+def test_messages_hold_readings_of_the_step_in_which_they_leave(travel_time: bool) -> None:
+    """Also where they arrive in that very step, in which the sender has not navigated yet."""
+    links = [
+        {
+            "name": "mate",
+            "sender": "wing",
+            "interval_s": 1.5,
+            "receivers": ["follower"],
+            "position": "estimate",
+            "readings": ["gyros"],
+        }
+    ]
+    flight = laisn_sim.fly(
+        mission_with_beacons(
+            acoustics={**LITTLE_NOISE, "travel_time": travel_time},
+            sensors={"custom": [{"sensor": "gyros"}]},
+            motion="physics",
+            links=links,
+            navigation={"variant": "ekf", "further_links": ["mate"]},
+        )
+    )
+    received = flight.measurements[0].links["mate"]
+    step = np.round(received.message[:, TIME] / 0.1).astype(int)
+    assert step.tolist() == [*range(15, 15 * len(step) + 1, 15)]
+    assert len(step) >= 12
+    assert (received.message_step - step == 1).all() == travel_time
+    read = flight.measurements[1]
+    for column, readings in ((SPEED, read.speed), (HEADING, read.heading), (DEPTH, read.depth)):
+        np.testing.assert_array_equal(received.message[:, column], readings[step - 1])
+    np.testing.assert_array_equal(received.content["gyros"], read.custom["gyros"][step - 1])
+    # the estimate is that of the last step that is navigated, brought forward
+    navigated = step - (0 if travel_time else 1)
+    state = flight.estimates[1].state[navigated - 1]
+    ahead = 0.1 * (step - navigated)[:, None] * state[:, 2:]
+    np.testing.assert_allclose(
+        received.message[:, [EAST, NORTH]], state[:, :2] + ahead, rtol=0, atol=1e-9
+    )
+
+
+@pytest.mark.system
 def test_an_answer_has_the_content_of_its_table(flown: Flight) -> None:
     answers = answers_of(flown)
     assert np.isnan(answers.message[:, [HEADING, SPEED, PITCH, ROLL]]).all()

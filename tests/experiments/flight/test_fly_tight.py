@@ -220,6 +220,14 @@ def test_the_summary_begins_where_the_start_is_found(
     assert row["fixes"]["ranges"] == 40
 
 
+def test_a_current_that_carries_no_points_does_not_change_their_bound() -> None:
+    of_points = [
+        fly(scenario("motion=kinematic", f"ocean.current_speed_m_s={speed}"))[0]
+        for speed in (0.0, 0.5)
+    ]
+    np.testing.assert_array_equal(*(flight_bound(flight, 0) for flight in of_points))
+
+
 def test_the_bound_falls_with_a_third_transmitter_and_grows_where_no_message_arrives(
     flight: FlightRecord,
 ) -> None:

@@ -37,7 +37,7 @@ from experiments.study.file import (
     table_in,
 )
 from experiments.study.measure import METRICS, records_of_run
-from experiments.study.page import commands
+from experiments.study.page import StudyPage, commands
 from experiments.study.plan import plan_of
 from experiments.study.run import fly_studies, fly_until_narrow
 from experiments.study.study import RECORD, REPORT, RESULTS, RUNS, STUDY, run_studies
@@ -514,19 +514,28 @@ def test_batches_are_flown_until_every_interval_is_narrow_enough(tmp_path):
         max((finding.high - finding.low) / 2 for key, finding in actual.items() if "point" in key)
         <= largest_half_width
     )
-    at_most_30_runs = UNTIL | {"until": {"half_width": 1e-6, "most": 30}}
+    at_most_30_runs = {"batch": 20, "until": {"half_width": 1e-6, "most": 30}}
     (outcomes,) = fly_until_narrow(
         [plan_of(study(SMALL, runs=at_most_30_runs, **keys))], tmp_path / "most", quiet=True
     )
     assert (outcomes.plan.study.runs, {row["runs"] for row in outcomes.rows}) == (30, {30})
-    metric_of_cells = UNTIL | {"until": {"metric": "e_p_std_m", "half_width": 1.0}}
-    with pytest.raises(LaisnError, match="'e_p_std_m' is not a metric of single runs"):
-        fly_until_narrow(
-            [plan_of(study(SMALL, runs=metric_of_cells, **keys))],
-            tmp_path / "until",
-            workers=1,
-            quiet=True,
-        )
+    notes = StudyPage(plan=outcomes.plan, results=outcomes.results, failures={}).interval_notes
+    assert [note.partition(", the most")[0] for note in notes] == ["after 30 runs"]
+
+
+@pytest.mark.parametrize(
+    ("until", "expected"),
+    [
+        ({"metric": "e_p_std_m", "half_width": 1.0}, "'e_p_std_m' is not a metric of single runs"),
+        ({"metric": "nes", "half_width": 1.0}, "unknown metric 'nes'; did you mean nees"),
+        ({"half_width": 1.0, "most": 10}, "until.most = 10 is below batch = 20"),
+    ],
+)
+def test_runs_that_cannot_be_enough_are_refused_before_any_is_flown(
+    until: dict[str, object], expected: str
+) -> None:
+    with pytest.raises(LaisnError, match=expected):
+        plan_of(study(SMALL, realizations=1, runs=UNTIL | {"until": until}))
 
 
 def rows_and_runs(outcomes):
@@ -557,6 +566,14 @@ followers.0.guidance_position = "estimate"
     flight, _ = fly(plan.entries[1].scenario.model_copy(update={"run": 1}))
     ((position, _),) = position_and_bearing_errors(flight)
     assert row["e_p_mean_m"] == pytest.approx(float(position.mean()), rel=1e-12)
+
+
+def test_runs_of_an_arm_that_flies_every_third_one_are_counted() -> None:
+    arms = [{"name": "all"}, {"name": "some", "every": 3}]
+    closed = {"duration_s": 20.0, "followers.0.guidance_position": "estimate"}
+    plan = plan_of(study(SMALL, realizations=1, runs=7, arm=arms, draw={}, set=closed))
+    # runs 0, 3 and 6 of the second arm
+    assert plan.cell_runs == plan.flights == len(plan.points) * (7 + 3)
 
 
 def test_mirror_locks_of_single_flights_are_those_of_cells(tmp_path):

@@ -18,7 +18,7 @@ from experiments.study.file import study_from_table
 from experiments.study.measure import METRICS
 from experiments.study.page import answer, commands, page_of, worst_and_median_run, worst_entry
 from experiments.study.plan import StudyPlan, plan_of
-from experiments.study.run import _largest_half_width, _row_and_lists
+from experiments.study.run import _row_and_lists, largest_half_width
 from experiments.study.study import findings_of
 from reports.figures import Line, light
 from reports.page import Figures, Notice, Page, PageTable, render
@@ -206,7 +206,7 @@ def test_the_widest_interval_suggests_more_runs_where_too_few_are_complete(
     half_width = {"interval": (interval.high - interval.low) / 2, "none": 0.0, "more": math.inf}[
         expected
     ]
-    assert _largest_half_width(changed, "e_p_mean_m") == half_width
+    assert largest_half_width(changed, "e_p_mean_m") == half_width
 
 
 def test_commands_are_headed_by_the_runs_that_they_fly(plan: StudyPlan, results: Results) -> None:

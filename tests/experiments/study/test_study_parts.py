@@ -9,11 +9,13 @@ import pytest
 
 from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, simulate_mission
 from experiments.study.file import StudyError, study_from_table, study_of
-from experiments.study.page import commands
+from experiments.study.page import StudyPage, commands
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import RunTotals, StudyResults, fly_further, fly_studies
+from laisn.plugins import load_plugin
 from sim.scenario.parts import MotionSettings
 from sim.trajectory import tilted
+from tests.without_plugins import without_plugins
 
 ERRORS = "experiments.studies.estimators.errors"
 SHORT: dict[str, Any] = {
@@ -238,6 +240,30 @@ def test_commands_have_the_measured_value_of_their_realization(tmp_path: Path) -
     assert {int(number) for number, _ in values_in_commands} != {0}
     for number, value in values_in_commands:
         assert float(value) == pytest.approx(pitch[int(number)], rel=1e-9)
+
+
+def test_commands_load_plugins_and_leave_out_what_no_flight_can_repeat(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "own" / "reckoners.py"
+    source.parent.mkdir()
+    source.write_text("")
+    arms = [
+        {"name": "plain"},
+        {"name": "pitched", "leader_pitch_deg": 5.0},
+        {"name": "drift", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["drift"]}},
+    ]
+    outcomes = fly_study(tmp_path, {"arm": arms})
+    with without_plugins():
+        load_plugin(source)
+        lines = commands(outcomes.plan, outcomes.results).splitlines()
+        facts = dict(StudyPage(plan=outcomes.plan, results=outcomes.results, failures={}).facts)
+    assert [line.startswith("laisn fly") for line in lines[1::2]] == [True] * 2 + [False] * 4
+    assert all(line.startswith("laisn fly T5 --plugin own/reckoners.py ") for line in lines[1:4:2])
+    assert "no leader_pitch_deg" in lines[5]
+    assert "no disturb" in lines[9]
+    assert facts["repeat it"].startswith("laisn study study.toml --plugin own/reckoners.py")
 
 
 def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
