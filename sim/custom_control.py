@@ -64,12 +64,14 @@ class Command(NamedTuple):
 
 
 class Wrench(NamedTuple):
-    """Force and moment about the hull's axes, which the effectors give as far as they can."""
+    """Force and moment about the hull's axes, which the effectors give as far as they can; where
+    limits bind, roll is left out first.
+    """
 
     surge: float = 0.0  # forward [N]
     sway: float = 0.0  # to port [N]
     heave: float = 0.0  # upward [N]
-    roll: float = 0.0  # about the forward axis [N m]
+    roll: float = 0.0  # about the forward axis, positive to starboard [N m]
     pitch: float = 0.0  # about the port axis, positive nose down [N m]
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 

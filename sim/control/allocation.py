@@ -6,12 +6,15 @@ of unit forces as the columns of B and W = diag(1 / range²). Ranges of fins, an
 with the square of the speed (`pseudo_inverse_at`). Where limits do not allow u, components of τ are
 added one after another in the order of `PRIORITY`, each with the largest share that keeps all
 effectors within their limits.
+
+P leaves the moment of roll open. Where it is asked for, `add_roll` adds to u what gives the moment
+and leaves the other components as they are, as far as limits allow.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Records
 from laisn.compiled import compiled, select
 from laisn.simd import all_lanes, any_lane
 from sim.vehicle.effector_kinds import MIN_STEERAGE_SPEED
@@ -23,11 +26,12 @@ SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 # order in which components are served where limits bind
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 # order in which components are looked for that effectors can give
-_SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY)
+_SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY, ROLL)
 FULL_STEERAGE_SPEED = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
 _MIN_SINGULAR_VALUE = 1e-6
+_ROUNDING = 1e-12  # of sums of moments, as a share of them
 
 
 @compiled
@@ -39,6 +43,8 @@ def clip(value: float, low: float, high: float) -> float:
 def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
     [1/m]; 0 of the others.
+
+    Components but roll are given with any moment of roll, that of roll without any other.
 
     `limits` are least and largest force of each record of EFFECTOR, of `force_limits_of` at
     some speed, shape (m, 2), [N].
@@ -55,12 +61,21 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
         if len(independent) < len(records) and values[len(independent)] > _MIN_SINGULAR_VALUE:
             independent.append(axis)
     out = np.zeros((len(records), 6))
-    b = unit[:, independent].T
-    weighted = reach[:, None] ** 2 * b.T  # W⁻¹ Bᵀ
-    out[:, independent] = weighted @ np.linalg.inv(b @ weighted)
+    served = [axis for axis in independent if axis != ROLL]
+    out[:, served] = _weighted_inverse(unit, reach, served)
+    if ROLL in independent:
+        out[:, ROLL] = _weighted_inverse(unit, reach, independent)[:, independent.index(ROLL)]
     # what is zero but for rounding would let an effector at its limit hold back others
     out[np.abs(out) < 1e-9 * np.abs(out).max(axis=0, initial=0.0)] = 0.0
     return out
+
+
+def _weighted_inverse(unit: Floats, reach: Floats, axes: list[int]) -> Floats:
+    """W⁻¹ Bᵀ (B W⁻¹ Bᵀ)⁻¹ of some components, by Bᵀ and the largest forces."""
+    b = unit[:, axes].T
+    weighted = reach[:, None] ** 2 * b.T  # W⁻¹ Bᵀ
+    inverse: Floats = weighted @ np.linalg.inv(b @ weighted)
+    return inverse
 
 
 @compiled
@@ -80,7 +95,7 @@ def pseudo_inverse_at(slow: Floats, fast: Floats, speed: float, out: Floats) -> 
 
 @compiled
 def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -> None:
-    """Forces of effectors that give a wrench, or of it what limits allow.
+    """Forces of effectors that give a wrench, or of it what limits allow; roll is not looked at.
 
     Args:
         inverse: of `pseudo_inverse_at`, zero in rows beyond the vehicle's effectors, shape (M, 6).
@@ -89,7 +104,7 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         command: out: forces, shape (m,), m ≤ M, [N].
     """
     m = command.shape[0]
-    demand = (wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5])
+    demand = (wrench[0], wrench[1], wrench[2], 0.0, wrench[4], wrench[5])
     is_feasible = _exceeding(inverse, limits, demand, command) == 0.0
     if not all_lanes(is_feasible):
         _allocate_by_priority(inverse, limits, wrench, command)
@@ -131,20 +146,49 @@ def _allocate_by_priority(inverse: Floats, limits: Floats, wrench: Floats, comma
         command[i] = 0.0
     wrench[ROLL] = 0.0
     for axis in PRIORITY:
-        share = _is_given(inverse, axis, m)
-        for i in range(m):
-            step = inverse[i, axis] * wrench[axis]
-            limit = select(step > 0.0, limits[i, 1], limits[i, 0])
-            # an effector that is not needed holds back none
-            is_idle = step == 0.0
-            possible_share = (limit - command[i]) / select(is_idle, 1.0, step)
-            share = select(is_idle, share, min(share, possible_share))
-        wrench[axis] = wrench[axis] * max(share, 0.0)
-        for i in range(m):
-            # the clip takes off what rounding may leave beyond a limit
-            command[i] = clip(
-                command[i] + inverse[i, axis] * wrench[axis], limits[i, 0], limits[i, 1]
-            )
+        wrench[axis] = _add(inverse, limits, axis, wrench[axis], command)
+
+
+@compiled
+def _add(inverse: Floats, limits: Floats, axis: int, wanted: float, command: Floats) -> float:
+    """Add to forces what gives a component of a wrench, or the largest share of it that limits
+    allow, which is returned.
+    """
+    m = command.shape[0]
+    share = _is_given(inverse, axis, m)
+    for i in range(m):
+        step = inverse[i, axis] * wanted
+        limit = select(step > 0.0, limits[i, 1], limits[i, 0])
+        # an effector that is not needed holds back none
+        is_idle = step == 0.0
+        possible_share = (limit - command[i]) / select(is_idle, 1.0, step)
+        share = select(is_idle, share, min(share, possible_share))
+    added = wanted * max(share, 0.0)
+    for i in range(m):
+        # the clip takes off what rounding may leave beyond a limit
+        command[i] = clip(command[i] + inverse[i, axis] * added, limits[i, 0], limits[i, 1])
+    return float(added)
+
+
+@compiled
+def add_roll(
+    inverse: Floats, limits: Floats, records: Records, roll: float, command: Floats
+) -> float:
+    """Add to forces, as of `allocate`, what brings their moment of roll to one that is wanted
+    [N m], as far as limits allow; all other components stay. The moment then is returned.
+
+    `records` are of EFFECTOR, shape (M,).
+    """
+    moment = 0.0
+    size = abs(roll)
+    for i in range(command.shape[0]):
+        part = records[i].torque[0] * command[i]
+        moment = moment + part
+        size = size + abs(part)
+    missing = roll - moment
+    # rounding moves no effector
+    missing = select(abs(missing) > _ROUNDING * size, missing, 0.0)
+    return moment + _add(inverse, limits, ROLL, missing, command)
 
 
 @compiled

@@ -40,6 +40,7 @@ from sim.control.allocation import (
     SURGE,
     SWAY,
     YAW,
+    add_roll,
     allocate,
     clip,
     pseudo_inverse,
@@ -382,11 +383,11 @@ def true_motion(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
 
 
 @compiled
-def apply_wrench(
+def _allocate_forces(
     kinds: effectors.Kinds, d: Autopilot, surge: float, memory: AutopilotMemory, command: Floats
 ) -> None:
-    """Write commands that give `memory.wrench` at a speed through the water [m/s]; `memory.wrench`
-    becomes what the effectors really give.
+    """Write forces that give `memory.wrench`, but for its roll, at a speed through the water [m/s];
+    `memory.wrench` becomes what the effectors really give.
     """
     limits = memory.limits
     for i in range(command.shape[0]):
@@ -396,8 +397,32 @@ def apply_wrench(
         allocate(memory.allocation, limits, memory.wrench, command)
     else:
         allocate(d.slow_allocation, limits, memory.wrench, command)
+
+
+@compiled
+def _write_states(kinds: effectors.Kinds, d: Autopilot, surge: float, command: Floats) -> None:
+    """Turn forces into the states that give them."""
     for i in range(command.shape[0]):
         command[i] = effectors.state_for(kinds, d.effectors[i], d.density, command[i], surge)
+
+
+@compiled
+def apply_wrench(
+    kinds: effectors.Kinds, d: Autopilot, surge: float, memory: AutopilotMemory, command: Floats
+) -> None:
+    """Write commands that give `memory.wrench`, all its six components, at a speed through the
+    water [m/s]; `memory.wrench` becomes what the effectors really give.
+
+    Roll comes last: it gets what the other components leave of the effectors' limits.
+    """
+    roll = memory.wrench[ROLL]
+    _allocate_forces(kinds, d, surge, memory, command)
+    if d.scheduled:
+        given = add_roll(memory.allocation, memory.limits, d.effectors, roll, command)
+    else:
+        given = add_roll(d.slow_allocation, memory.limits, d.effectors, roll, command)
+    memory.wrench[ROLL] = given
+    _write_states(kinds, d, surge, command)
 
 
 @compiled
@@ -489,7 +514,9 @@ def control(
     wrench[HEAVE] = heave_force
     wrench[PITCH] = -pitch_moment
     wrench[YAW] = turn_moment
-    apply_wrench(kinds, d, surge, memory, command)
+    # the hull rights itself: no effector is kept from moving it for a moment of roll
+    _allocate_forces(kinds, d, surge, memory, command)
+    _write_states(kinds, d, surge, command)
     omega_cubed = omega * omega * omega
     memory.speed_integral += _increment(
         d.surge_mass * 0.05 * omega * omega * speed_error * dt, thrust, wrench[SURGE]

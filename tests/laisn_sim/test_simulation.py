@@ -12,6 +12,7 @@ import pytest
 import laisn_sim
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
+from laisn.plugins import register
 from laisn_sim import Simulation, Wrench
 from sim.flight import FlightRecord, Termination
 
@@ -144,6 +145,46 @@ def test_commanded_wrenches_and_states_of_effectors_are_applied() -> None:
     sim.command("follower", np.zeros_like(effectors))
     sim.step(10.0)
     assert np.abs(sim.truth["follower"].effectors).max() < 1e-6
+
+
+class Heeling:
+    """Heels by a moment of 0.6 N m."""
+
+    def __init__(self, follower: Any) -> None:
+        pass
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Wrench:
+        return Wrench(roll=0.6)
+
+
+@pytest.mark.parametrize("by_controller", [False, True])
+def test_a_moment_of_roll_heels_a_hull_that_can_give_it(by_controller: bool) -> None:
+    """To starboard, until the weight below the centre of buoyancy balances it: 0.6 N m =
+    m g z sin φ; no other component of the wrench is given.
+    """
+    follower: dict[str, Any] = {
+        "model": "bluerov2_heavy",
+        "trim": "neutral",
+        "waypoints": [[0, 5, -8], [90, 20, -8]],
+        "depth_m": 14.0,
+        "start_speed_m_s": 0.0,
+    }
+    if by_controller:
+        follower["controller"] = register(Heeling)
+    sim = Simulation({"duration_s": 60.0, "followers": [follower]})
+    if not by_controller:
+        sim.command("follower", Wrench(roll=0.6))
+    sim.step(40.0)
+    plant = sim._mission.plant
+    roll = sim.truth["follower"].roll
+    body = plant.model.body("follower/hull")
+    height = plant.coefficients[1]["buoyancy_centre"][2] - body.ipos[2]
+    assert np.sin(roll) == pytest.approx(0.6 / (body.mass[0] * 9.81 * height), rel=0.02)
+    # the four upright thrusters, 0.218 m to each side: 0.6 N m / (4 · 0.218 m)
+    curve = plant.effectors[1, 4]["curve"][: plant.effectors[1, 4]["points"]]
+    forces = np.interp(sim.truth["follower"].effectors, *curve.T)
+    expected = 0.6 / (4 * 0.218) * np.array([0, 0, 0, 0, -1, 1, -1, 1])
+    np.testing.assert_allclose(forces, expected, atol=1e-6)
 
 
 @pytest.mark.parametrize(

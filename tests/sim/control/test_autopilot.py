@@ -41,18 +41,19 @@ def lateral_pair(bow, stern, limits):
 
 def allocated(records, **wanted):
     """Commands for a wrench, and the wrench that they produce; components by their names in lower
-    case.
+    case. With roll it is the wrench of a user, without it one of the autopilot.
     """
     wrench = np.zeros(6)
     for name, value in wanted.items():
         wrench[getattr(allocation, name.upper())] = value
     command = np.zeros(len(records))
-    allocation.allocate(
-        allocation.pseudo_inverse(records, records["limits"]),
-        records["limits"].copy(),
-        wrench,
-        command,
-    )
+    inverse = allocation.pseudo_inverse(records, records["limits"])
+    limits = records["limits"].copy()
+    allocation.allocate(inverse, limits, wrench, command)
+    if "roll" in wanted:
+        wrench[allocation.ROLL] = allocation.add_roll(
+            inverse, limits, records.view(np.recarray), wanted["roll"], command
+        )
     return command, wrench
 
 
@@ -93,7 +94,7 @@ def test_the_moment_comes_first(force, moment, arm, max_thrust):
 
 
 @given(
-    st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 5)
+    st.lists(st.tuples(vector, vector), min_size=3, max_size=8), st.tuples(*[st.floats(-5, 5)] * 6)
 )
 def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wrench):
     """Within limits the commands give the wrench on every component that the pseudo-inverse
@@ -105,14 +106,66 @@ def test_thrusters_anywhere_give_what_they_can_give_independently(thrusters, wre
     inverse = allocation.pseudo_inverse(records, records["limits"])
     served = np.abs(inverse).max(axis=0) > 0
     assume(np.abs(inverse).max() < 1e4)
-    command, produced_wrench = allocated(
-        records, surge=wrench[0], sway=wrench[1], heave=wrench[2], pitch=wrench[3], yaw=wrench[4]
-    )
+    names = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+    command, produced_wrench = allocated(records, **dict(zip(names, wrench, strict=True)))
     produced = effectors.unit_wrenches(records).T @ command
+    np.testing.assert_allclose(produced[served], np.array(wrench)[served], atol=1e-6)
     np.testing.assert_allclose(produced[served], produced_wrench[served], atol=1e-6)
+    served[allocation.ROLL] = True  # is reported also where it is a by-product
     assert not produced_wrench[~served].any()
-    # as many components as the thrusters have independent wrenches on these five axes
-    assert served.sum() <= min(5, len(thrusters))
+    # as many components as the thrusters have independent wrenches
+    served = np.abs(inverse).max(axis=0) > 0
+    assert served.sum() <= min(6, len(thrusters))
+
+
+def seven_thrusters(limit=50.0):
+    """Two ahead and two across, these 0.1 m above the origin, and three upward, the third on the
+    axis: a wrench of any six components.
+    """
+    forces = [[1, 0, 0]] * 2 + [[0, 1, 0]] * 2 + [[0, 0, 1]] * 3
+    places = [
+        *[[-0.5, 0.2, 0], [-0.5, -0.2, 0]],
+        *[[0.4, 0, 0.1], [-0.4, 0, 0.1]],
+        *[[0.3, 0.15, 0], [0.3, -0.15, 0], [-0.4, 0, 0]],
+    ]
+    return effectors_of(forces, places, [[-limit, limit]] * 7)
+
+
+@pytest.mark.parametrize(
+    ("sway", "roll"), [(0.0, 0.1), (2.0, 0.0), (-3.0, -0.4)], ids=["roll", "sway", "both"]
+)
+def test_a_wrench_of_a_user_has_the_roll_that_is_asked_for(sway, roll):
+    """Sway pushes 0.1 m above the origin, which rolls the hull by −0.1 m · F; the pair at ±0.15 m
+    takes it back, and gives what is asked for.
+    """
+    command, produced = allocated(seven_thrusters(), sway=sway, roll=roll)
+    wrench = effectors.unit_wrenches(seven_thrusters()).T @ command
+    np.testing.assert_allclose(wrench, [0, sway, 0, roll, 0, 0], atol=1e-12)
+    assert produced == pytest.approx(wrench, abs=1e-12)
+    # F_port − F_starboard = (roll + 0.1 F) / 0.15
+    assert command[4] - command[5] == pytest.approx((roll + 0.1 * sway) / 0.15)
+
+
+def test_the_autopilot_leaves_roll_to_the_hull():
+    command, produced = allocated(seven_thrusters(), sway=2.0)
+    assert command[4:] == pytest.approx([0, 0, 0])
+    assert command[2:4] == pytest.approx([1, 1])
+    assert produced[allocation.ROLL] == 0.0
+
+
+@given(st.floats(-150, 150), st.floats(-50, 50))
+def test_roll_comes_last(heave, roll):
+    """Of a pair at ±0.3 m with 50 N each: the whole force up to 100 N, then the moment that is
+    left.
+    """
+    records = effectors_of([[0, 0, 1]] * 2, [[0, 0.3, 0], [0, -0.3, 0]], [[-50, 50]] * 2)
+    command, produced = allocated(records, heave=heave, roll=roll)
+    force = np.clip(heave, -100, 100)
+    left = 0.6 * (50 - abs(force) / 2)
+    assert command.sum() == pytest.approx(force, abs=1e-9)
+    moment = 0.3 * (command[0] - command[1])
+    assert moment == pytest.approx(np.clip(roll, -left, left), abs=1e-9)
+    assert produced[allocation.ROLL] == pytest.approx(moment, abs=1e-9)
 
 
 def test_a_vehicle_without_side_thrusters_serves_neither_sway_nor_yaw():
