@@ -29,6 +29,7 @@ _MIN_SPAN_DEG = 15.0  # of pitches on the map, up and down
 _STEEPEST_DEG = 85.0
 _MAP_PITCHES = 61
 _MAP_BEARINGS = 181
+_FINE_BEARINGS = 3601  # of sums and sectors: each twentieth of a degree
 _CURVE_BEARINGS = 721
 _RING_BEARINGS = 36  # true places in the view from above
 _OFF_AXIS_DEG = 30.0  # bearings nearer to the leader's axis are left out of "off the axis"
@@ -121,7 +122,7 @@ class PitchGeometry:
 
     def on_axis_deg(self) -> list[tuple[float, float]]:
         """Sectors of bearings, 0 … 180°, in which the rule for the axis decides."""
-        grid = np.linspace(0.0, 180.0, 3601)
+        grid = np.linspace(0.0, 180.0, _FINE_BEARINGS)
         decides = np.array([self.fix_at(bearing).on_axis for bearing in grid.tolist()])
         edges = np.flatnonzero(np.diff(decides.astype(int), prepend=0, append=0)).tolist()
         return [
@@ -136,7 +137,8 @@ class PitchGeometry:
         ahead and astern, at a pitch, by default the leader's.
         """
         pitch = math.radians(self.pitch_deg if pitch_deg is None else pitch_deg)
-        bearings = np.linspace(off_axis_deg, 180.0 - off_axis_deg, _CURVE_BEARINGS).tolist()
+        # as fine as `on_axis_deg`, whose sectors of a tenth of a degree may hold the largest
+        bearings = np.linspace(off_axis_deg, 180.0 - off_axis_deg, _FINE_BEARINGS).tolist()
         fixes = [(bearing, self.fix(math.radians(bearing), pitch)) for bearing in bearings]
         return max(fixes, key=lambda entry: entry[1].error)
 
@@ -189,7 +191,9 @@ def summary(geometry: PitchGeometry) -> str:
     abeam = geometry.fix_at(90.0)
     sectors = geometry.on_axis_deg()
     if sectors:
-        texts = " and ".join(f"{low:.1f}° to {high:.1f}°" for low, high in sectors)
+        texts = " and ".join(
+            f"{low:.5g}°" if low == high else f"{low:.5g}° to {high:.5g}°" for low, high in sectors
+        )
         axis = (
             f"At bearings of {texts} the circles do not meet clearly: the follower is put on the "
             f"leader's axis, {_SIDES[geometry.side_rule]}."
@@ -199,7 +203,7 @@ def summary(geometry: PitchGeometry) -> str:
     return (
         f"Abeam the fix is {abeam.error:.2f} m off, and at most {worst_off_axis.error:.2f} m where "
         f"the follower is {_OFF_AXIS_DEG:g}° or more off the leader's axis. "
-        f"The largest error is {worst.error:.2f} m, at {worst_at:.1f}° off the bow. {axis}"
+        f"The largest error is {worst.error:.2f} m, at {worst_at:.5g}° off the bow. {axis}"
     )
 
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -211,30 +212,49 @@ def write_run(
     return run
 
 
-def _require_free(folder: Path) -> None:
-    """LaisnError if the folder holds anything that is no data of the benchmark."""
+def _require_free(folder: Path, missions: Sequence[BenchmarkMission], seeds: Sequence[int]) -> None:
+    """LaisnError if the folder holds anything that is no data of the benchmark, or data that these
+    missions and seeds would not replace.
+    """
     if not folder.exists():
         return
     if not folder.is_dir():
         raise LaisnError(f"{folder}: is a file; the data of the benchmark need a folder")
     benchmark_names = (MANIFEST, TASKS, MEASUREMENTS, TRUTH)
     others = sorted(path.name for path in folder.iterdir() if path.name not in benchmark_names)
+    lost = list[str]()
+    # data of an interrupted command, or of another version, have no manifest to go by
+    with suppress(LaisnError):
+        manifest = read_manifest(folder)
+        files = {path.relative_to(folder).as_posix() for path in _files_in(folder)}
+        others += sorted(files - set(manifest["files"]))
+        lost += sorted({*manifest["missions"]} - {mission.name for mission in missions})
+        lost += [f"seed {seed}" for seed in manifest["seeds"] if seed not in seeds]
     if others:
         raise LaisnError(
             f"{folder}: holds {', '.join(others[:5])}; the data of the benchmark need a folder of "
             "their own"
         )
+    if lost:
+        raise LaisnError(
+            f"{folder}: holds data of {', '.join(lost[:5])}{' …' if len(lost) > 5 else ''}, which "
+            "would be removed; write these again, too, or choose another folder"
+        )
 
 
-def _manifest(
-    folder: Path, missions: Sequence[BenchmarkMission], seeds: Sequence[int], seconds: float | None
-) -> dict[str, Any]:
-    files = sorted(
+def _files_in(folder: Path) -> list[Path]:
+    """Files of the data in a folder, sorted."""
+    return sorted(
         path
         for subfolder in (TASKS, MEASUREMENTS, TRUTH)
         for path in (folder / subfolder).rglob("*")
         if path.is_file()
     )
+
+
+def _manifest(
+    folder: Path, missions: Sequence[BenchmarkMission], seeds: Sequence[int], seconds: float | None
+) -> dict[str, Any]:
     return {
         "benchmark": "LAISN-Bench",
         "version": VERSION,
@@ -244,7 +264,7 @@ def _manifest(
         "seconds": seconds,  # None: whole missions
         "files": {
             path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in files
+            for path in _files_in(folder)
         },
     }
 
@@ -261,13 +281,13 @@ def generate(
     """Fly missions with several seeds and write their data, or those of their first seconds; the
     manifest.
 
-    Data of the benchmark that the folder held before are removed first. LaisnError if it holds
-    other things.
+    Data of the same missions and seeds that the folder held before are removed first. LaisnError if
+    it holds other things.
     """
     unknown = [name for name in formats if name not in FORMATS]
     if unknown:
         raise LaisnError(f"format {unknown[0]!r}: expected {', '.join(FORMATS)}")
-    _require_free(folder)
+    _require_free(folder, missions, seeds)
     (folder / MANIFEST).unlink(missing_ok=True)
     for subfolder in (TASKS, MEASUREMENTS, TRUTH):
         shutil.rmtree(folder / subfolder, ignore_errors=True)

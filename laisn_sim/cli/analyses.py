@@ -179,7 +179,7 @@ def pitch(
     )
     name = f"baseline-{baseline:g}-pitch-{pitch:g}-distance-{distance:g}-below-{below:g}"
     page = output_file(out or Path("out") / "pitch" / f"{name}.html", [".html"])
-    table = optional_output(csv, [".csv"])
+    table = optional_output(csv, [".csv"], option="--csv")
     rows = [
         [
             f"{bearing:.0f}°",

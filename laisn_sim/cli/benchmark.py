@@ -190,7 +190,9 @@ def score(
             scores = score_all(data, navigate(data, runs, navigator, set_ or ()), runs)
     else:
         assert estimates is not None
-        tracks = (item for item in read_estimates(estimates) if item[0].mission in names)
+        # those of a mission that does not exist are refused by name
+        left_out = {one.name for one in chosen_missions(())} - names
+        tracks = (item for item in read_estimates(estimates) if item[0].mission not in left_out)
         scores = score_all(data, tracks, runs)
     _show(scores)
     if output is not None:

@@ -51,10 +51,13 @@ def output_file(
 
 
 def optional_output(
-    path: Path | None, suffixes: Iterable[str], sources: Iterable[Path] = ()
+    path: Path | None,
+    suffixes: Iterable[str],
+    sources: Iterable[Path] = (),
+    option: str = "--out",
 ) -> OutputFile | None:
     """`output_file`, if a path is given."""
-    return None if path is None else output_file(path, suffixes, sources)
+    return None if path is None else output_file(path, suffixes, sources, option)
 
 
 def written_files(files: Iterable[Path], existing: Iterable[Path]) -> list[OutputFile]:

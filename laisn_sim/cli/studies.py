@@ -91,7 +91,7 @@ def study(  # noqa: PLR0913 - an argument for each option of the command
         list[str] | None,
         typer.Option(
             "--draw",
-            metavar="KEY={uniform=[A,B]}",
+            metavar="'KEY={uniform=[A,B]}'",
             help="a random value of this key for each realization",
         ),
     ] = None,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.pitch import PitchGeometry, _scale, pitch_page
+from experiments.pitch import PitchGeometry, _scale, pitch_page, summary
 from laisn_sim.cli.main import app
 from tests.golden import require_golden
 from tests.reports.test_page import embedded_figures
@@ -119,6 +119,17 @@ def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_ax
 
 
 @pytest.mark.system
+def test_the_largest_error_may_be_in_a_sector_of_a_tenth_of_a_degree() -> None:
+    """A level leader: only where the intersections, 2 · 30 m · sin(0.05°) apart, are nearer to each
+    other than 0.1 m is the follower, ahead, put astern, at least twice its distance off.
+    """
+    geometry = PitchGeometry(baseline=2.0, pitch_deg=0.0, distance=30.0, below=10.0)
+    bearing, fix = geometry.worst()
+    assert bearing == pytest.approx(0.05)
+    assert 60.0 < fix.error < 64.0
+    assert "The largest error is 62.00 m, at 0.05° off the bow" in summary(geometry)
+
+
 def test_the_engine_of_campaigns_makes_the_same_fixes() -> None:
     """Errors of `laisn pitch` against those of the compiled fixes in campaigns."""
     from experiments.studies.asymmetry.fix_map import sweep

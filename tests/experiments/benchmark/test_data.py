@@ -196,5 +196,20 @@ def test_a_file_that_differs_from_the_manifest_is_named(tmp_path: Path) -> None:
     assert "truth/astern/01/follower.csv" in laisn("bench-data", folder, "--check", code=2)
 
 
+def test_data_that_would_be_lost_are_named_and_kept(tmp_path: Path) -> None:
+    folder = tmp_path / "data"
+    shutil.copytree(SAMPLE, folder)
+    command = ("bench-data", folder, "--seconds", "20")
+    flown, *more = data.read_manifest(folder)["missions"]
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    printed = laisn(*command, "--mission", flown, code=2)
+    assert f"holds data of {', '.join(sorted(more))}, which would be removed" in printed
+    own = folder / "measurements" / "mine.csv"
+    own.write_text("mine", "utf-8")
+    assert "holds measurements/mine.csv" in laisn(*command, "--mission", flown, code=2)
+    assert {path for path in folder.rglob("*") if path.is_file()} == {*files, own}
+    assert "files are as" in laisn("bench-data", folder, "--check")
+
+
 def test_ranges_have_the_order_of_the_transmitters() -> None:
     assert tuple(f"range_{name} [m]" for name in Ranges._fields) == RANGE_COLUMNS

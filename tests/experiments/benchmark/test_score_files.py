@@ -80,6 +80,14 @@ def test_bad_estimates_are_refused_with_file_and_column(
     assert "follower.csv" in message
 
 
+def test_a_mission_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    write_estimates(tmp_path, 0.0)
+    mission = next(path for path in tmp_path.iterdir() if path.is_dir())
+    mission.rename(tmp_path / "astren")
+    printed = laisn("score", tmp_path, "--data", SAMPLE, code=2)
+    assert "estimates of astren, seed 1" in printed
+
+
 def test_input_that_cannot_be_used_is_refused_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "mine.csv").write_text("time_s,x_m,y_m\n1,2,3\n", encoding="utf-8")
     assert "expected a column 'seed'" in laisn("score", tmp_path, "--data", SAMPLE, code=2)

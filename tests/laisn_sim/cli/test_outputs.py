@@ -114,6 +114,7 @@ def test_a_command_names_its_file_and_says_when_it_replaces_one(
         ("view a.mcap --no-open --out page.txt", "ends in .html"),
         ("compare a.mcap a.mcap --out page.txt", "ends in .html"),
         ("render a.mcap --still 5 --out still.mp4", "ends in .png"),
+        ("pitch --csv map.txt", "--csv: expected a file name that ends in .csv"),
         ("log import mine.csv --out mine.toml", "ends in .mcap"),
         ("log import mine.csv --out mine.csv/a.mcap", "the folder mine.csv cannot be made"),
     ],
