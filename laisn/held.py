@@ -8,7 +8,7 @@ handed over once; compiled functions get its address, and read it by `held_value
 
 import sys
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, NoReturn, SupportsIndex, cast
 
 import numba
 import numpy as np
@@ -19,6 +19,7 @@ from numba.core.datamodel.models import PrimitiveModel
 from numba.extending import NativeValue, intrinsic, register_model, typeof_impl, unbox
 
 from laisn.compiled import compiled
+from laisn.errors import LaisnError
 
 if TYPE_CHECKING:
     from llvmlite.ir import IRBuilder, Value
@@ -215,6 +216,16 @@ def _held_type(values: object) -> HeldType:
     return held_type
 
 
+def refuse_copy(holder: object) -> NoReturn:
+    """LaisnError: `holder` holds addresses in memory. A copy of it would work on the memory of the
+    original, or on what is there when the original is gone.
+    """
+    name = type(holder).__name__
+    raise LaisnError(
+        f"{name} holds addresses in memory, so it is neither copied nor pickled; make a new one"
+    )
+
+
 class Held:
     """Values of compiled code, such as a NamedTuple of arrays, in memory until this object goes."""
 
@@ -235,6 +246,10 @@ class Held:
         """Give the memory back."""
         if hasattr(self, "address") and not ends():
             release(self)
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `refuse_copy`."""
+        refuse_copy(self)
 
 
 @typeof_impl.register(Held)

@@ -9,7 +9,7 @@ import weakref
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, cast
+from typing import TYPE_CHECKING, Any, NoReturn, Self, SupportsIndex, cast
 
 import numpy as np
 
@@ -177,6 +177,13 @@ class Simulation:
     def _write_log(self, _: object) -> None:
         if self._log is not None and not self._log.ended:
             self._log.update(self._flown)
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """LaisnError: a copy would go on in the memory of this mission."""
+        raise LaisnError(
+            "a Simulation is neither copied nor pickled; to branch, make a second one of the same "
+            "scenario and step it with the same commands: it is equal to the bit"
+        )
 
     def __enter__(self) -> Self:
         return self

@@ -9,7 +9,7 @@ other object it runs as Python.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, NoReturn, Protocol, SupportsIndex
 
 import numpy as np
 from numba import types
@@ -18,7 +18,7 @@ from numba.extending import overload_method
 from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compiled import compiled, copy_rows, copy_values, jitable
 from laisn.errors import LaisnError
-from laisn.held import Held, held_values
+from laisn.held import Held, held_values, refuse_copy
 from sim import attitude
 from sim.assembly import routes_of, setups_of
 from sim.attitude import Pose, Twist, Vector
@@ -352,6 +352,10 @@ class Mission:
         )
         self.observers: list[Observer] = []
         self._observed = 0  # how many instants observers got
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
 
     @property
     def instants(self) -> int:

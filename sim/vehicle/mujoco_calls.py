@@ -11,13 +11,14 @@ import ctypes
 import platform
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, NoReturn, SupportsIndex, cast
 
 import mujoco
 import numpy as np
 
 from laisn.compiled import FOLDER, call_address, compiled
 from laisn.errors import LaisnError
+from laisn.held import refuse_copy
 
 STAGES = ("mj_kinematics", "mj_comPos", "mj_makeM", "mj_fwdVelocity", "mj_factorM", "mj_step2")
 """Functions of (model, data) that make up a physics step."""
@@ -43,6 +44,10 @@ class Calls(NamedTuple):
     stages: tuple[int, int, int, int, int, int]  # of STAGES
     model: int
     data: int
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
 
 
 @cache

@@ -14,7 +14,7 @@ from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import SimpleNamespace
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, NoReturn, Self, SupportsIndex, TypeVar
 
 import mujoco
 import numpy as np
@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
+from laisn.held import refuse_copy
 from laisn.plugins import plugins_version
 from sim import attitude
 from sim.vehicle import effectors, mjcf
@@ -320,6 +321,10 @@ class Plant:
         data.qpos[:], data.qvel[:] = start
         data.time = self.effector_states[:] = 0.0
         self._last_pose[:], self._last_twist[:] = self.pose, self.twist
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
 
     def _solver_of(self, engine: Engine) -> MujocoSolver | DirectSolver:
         n = len(self.names)

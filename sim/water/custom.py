@@ -7,13 +7,14 @@ and physics step.
 """
 
 import ctypes
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, NoReturn, Protocol, SupportsIndex
 
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import call_address, compiled
 from laisn.errors import LaisnError
+from laisn.held import refuse_copy
 from laisn.plugins import calling
 from sim.attitude import Vector
 from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
@@ -39,6 +40,10 @@ class CustomInstant(NamedTuple):
     address: int  # as of `CustomCurrent`, as the next
     memory: Floats
 
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
+
     @compiled
     def flow(self, position: Vector, velocity: Vector) -> CurrentFlow:
         """As of `sim.water.currents.ShearedInstant.flow`."""
@@ -61,6 +66,10 @@ class CustomCurrent(NamedTuple):
 
     address: int  # of a function that reads place and time from the memory, and writes the answer
     memory: Floats  # place, time; velocity, its rate at the place, its gradient; shape (19,)
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
 
     @compiled
     def at_time(self, time: float) -> CustomInstant:
@@ -91,6 +100,10 @@ class CustomCaller:
         address = ctypes.cast(self._function, ctypes.c_void_p).value
         assert address is not None  # of a function that is there
         self.compiled_current = CustomCurrent(address, self._memory)
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """See `laisn.held.refuse_copy`."""
+        refuse_copy(self)
 
     def _velocity(self, position: Floats, time: float) -> Floats:
         with calling(f"current {self._kind}: velocity"):

@@ -2,7 +2,9 @@
 callers only.
 """
 
+import copy
 import gc
+import pickle
 import re
 import sys
 from collections.abc import Callable
@@ -16,6 +18,7 @@ from numba.extending import overload
 from laisn import held
 from laisn.arrays import Floats, Records, records
 from laisn.compiled import compiled, compiled_apart, jitable
+from laisn.errors import LaisnError
 from laisn.held import Held, borrowed_values, held_values
 from laisn.nesting import NestedLibrary
 
@@ -269,3 +272,12 @@ def test_functions_for_their_callers_have_no_code_of_their_own_until_python_call
         return _sum(1.0, numbers) + _outermost(1.0, numbers)
 
     assert custom(numbers) == 4.0 * total
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_held_values_are_neither_copied_nor_pickled(duplicate: Callable[[object], object]) -> None:
+    """A copy would read, and give back, the memory of the first."""
+    held = Held(new_outer())
+    with pytest.raises(LaisnError, match="Held holds addresses in memory, so it is neither copied"):
+        duplicate(held)
+    assert _count(3, held) == 3.0

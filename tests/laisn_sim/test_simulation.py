@@ -2,6 +2,9 @@
 estimates.
 """
 
+import copy
+import pickle
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, ClassVar
@@ -247,6 +250,45 @@ class Shaky:
         self.state[2:] = own.speed * sine, own.speed * cosine
         self.state[:2] += self._dt * self.state[2:] + 0.05 * self.generator.normal(size=2)
         self.steps.append(self.state.copy())
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, pickle.dumps])
+@pytest.mark.parametrize("engine", ["mujoco", "direct"])
+def test_a_simulation_is_neither_copied_nor_pickled(
+    engine: str, duplicate: Callable[[object], object]
+) -> None:
+    """Nor is what it consists of; it goes on as if nobody had tried, and its flight is data."""
+    scenario = laisn_sim.load(OPEN_LOOP | {"timing": {"engine": engine}})
+    sim = Simulation(scenario).step(2.0)
+    with pytest.raises(LaisnError, match="to branch, make a second one of the same scenario and"):
+        duplicate(sim)
+    mission = sim._mission
+    parts = [mission, mission.plant]
+    if duplicate is not copy.copy:
+        parts += [[sim], sim._flown]
+        # addresses of MuJoCo's model are in the handles of its steps
+        parts += [mission._loop] if engine == "mujoco" else []
+    for part in parts:
+        with pytest.raises(LaisnError, match="neither copied nor pickled"):
+            duplicate(part)
+    duplicate(sim.flight())
+    require_same_bits(sim.step(2.0).flight(), Simulation(scenario).step(4.0).flight())
+
+
+def test_a_second_simulation_with_the_same_commands_is_equal_to_the_bit() -> None:
+    """Until commands differ."""
+
+    def at_the_branch() -> Simulation:
+        sim = Simulation(CLOSED_LOOP).step(3.0)
+        sim.command("leader", laisn_sim.Command(heading=0.0, speed=0.9, depth=6.0))
+        return sim.step(2.0)
+
+    first, second = at_the_branch(), at_the_branch()
+    require_same_bits(first.flight(), second.flight())
+    first.command("leader", laisn_sim.Command(heading=3.0, speed=0.9, depth=6.0))
+    require_same_bits(second.step(3.0).flight(), at_the_branch().step(3.0).flight())
+    apart = first.step(3.0).truth["leader"].heading - second.truth["leader"].heading
+    assert abs(apart) > 0.1
 
 
 def test_a_navigator_with_random_numbers_is_reported_as_it_steered() -> None:

@@ -1,5 +1,8 @@
 """A current of the user's own, in Python, as `--plugin` loads it."""
 
+import copy
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 import laisn_sim
+from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
+from sim.water.custom import CustomCaller
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
 
@@ -134,3 +139,18 @@ def test_a_class_that_is_none_is_refused(
     code, output, _ = fly(file, *named)
     assert code == 2, output
     assert expected in output
+
+
+class Still:
+    def velocity(self, position: object, time: float) -> tuple[float, float]:
+        return 0.0, 0.0
+
+
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_the_address_of_a_current_is_neither_copied_nor_pickled(
+    duplicate: Callable[[object], object],
+) -> None:
+    caller = CustomCaller(Still())
+    for holder in (caller, caller.compiled_current, caller.compiled_current.at_time(1.0)):
+        with pytest.raises(LaisnError, match="neither copied nor pickled"):
+            duplicate(holder)
