@@ -50,6 +50,8 @@ class Replayed:
     name: str
     measurements: Measurements
     estimates: Estimates
+    # when each filter step ends, by the log, shape (n,), [s]
+    time: Floats
     # from the rear to the front transmitter, where messages do not hold their positions [m]
     baseline: float = np.nan
     path: Floats | None = None  # surveyed reference path: time [s], east, north [m], shape (t, 3)
@@ -122,7 +124,7 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
     estimated = np.flatnonzero(np.isfinite(state[:, 0]))
     rows = estimated[:: max(1, estimated.size // _TRACK_POINTS)]
     track = state[rows]
-    time = replayed.measurements.time[rows]
+    time = replayed.time[rows]
     lines = [Line(x=track[:, 0], y=track[:, 1], colour=ESTIMATE, name="estimate", time=time)]
     legend = [(ESTIMATE, "estimate, with 2σ ellipses")]
     for step in estimated[:: max(1, estimated.size // _ELLIPSES)]:
@@ -146,7 +148,7 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
         legend.append((LEADER, "transmitters"))
     elif len(replayed.measurements.message):
         east, north, *_ = _poses(replayed.measurements)
-        times = replayed.measurements.time[replayed.measurements.message_step - 1]
+        times = replayed.time[replayed.measurements.message_step - 1]
         lines.append(Line(x=east, y=north, colour=LEADER, name="leader", time=times))
         legend.append((LEADER, "leader, as broadcast"))
     if replayed.path is not None:
@@ -166,11 +168,11 @@ def _map(replayed: Replayed) -> tuple[Panel, list[tuple[Colour, str]]]:
 
 def _over_time(replayed: Replayed) -> Panel:
     """2σ of the position, range residuals of each transmitter, and NIS, where there are any."""
-    times_of_messages = replayed.measurements.time[replayed.measurements.message_step - 1]
+    times_of_messages = replayed.time[replayed.measurements.message_step - 1]
     residuals = replayed.residuals
     nis_values = replayed.nis
     is_known = np.isfinite(residuals)
-    curve = Line(x=replayed.measurements.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
+    curve = Line(x=replayed.time, y=2.0 * replayed.sigma, colour=ESTIMATE, name="2σ")
     parts = [Subplot(lines=[curve], y_label="2σ of position [m]", y_limits=(0.0, None))]
     lines = [
         Line(
@@ -186,10 +188,10 @@ def _over_time(replayed: Replayed) -> Panel:
     parts += [Subplot(lines=lines, y_label="range residual [m]")] if lines else []
     if np.isfinite(nis_values).any():
         top = max(2.0, float(np.nanpercentile(nis_values, 99)))
-        time = replayed.measurements.time[replayed.estimates.fix_step - 1]
+        time = replayed.time[replayed.estimates.fix_step - 1]
         marks = Line(x=time, y=nis_values, colour=SERIES[2], marker="o", name="NIS")
         parts.append(Subplot(lines=[marks], y_label="NIS per quantity", y_limits=(0.0, top)))
-    ends = (float(replayed.measurements.time[0]), float(replayed.measurements.time[-1]))
+    ends = (float(replayed.time[0]), float(replayed.time[-1]))
     width = FULL - _MAP_WIDTH
     return Panel(
         parts=parts,
@@ -220,7 +222,7 @@ def _values(replayed: Replayed) -> dict[str, Any]:
         "fixes": replayed.fixes,
         "median_two_sigma_m": number(float(np.median(two_sigma))).text,
         "largest_two_sigma_m": number(float(two_sigma[worst])).text,
-        "largest_s": number(float(replayed.measurements.time[worst]), 0).text,
+        "largest_s": number(float(replayed.time[worst]), 0).text,
         "nis_judgement": nis_judgement(_mean_nis(replayed)),
         "mean_nis": number(
             float(np.nanmean(nis_values)) if np.isfinite(nis_values).any() else None
@@ -294,6 +296,7 @@ def write_replay_page(
         Measured(
             name=vehicle.name,
             measurements=vehicle.measurements,
+            time=vehicle.time,
             estimates=vehicle.estimates,
             baseline=vehicle.baseline,
             path=vehicle.path,

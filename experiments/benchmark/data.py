@@ -30,6 +30,7 @@ from reports.bound import flight_bound
 from reports.version import code_version
 from sim.datasets.factor_graph import write_factor_graph
 from sim.flight import FlightRecord, excerpt, settings_as
+from sim.log.contents import CLOCK, START
 from sim.log.ros2 import write_measurement_bag
 from sim.log.schema import MEASURED, Clock
 from sim.log.writer import further_readings, numeric, write_channels
@@ -151,7 +152,9 @@ def _write_log(path: Path, flight: FlightRecord) -> None:
         channels += further_readings(name, m, clock.ns(m.dt * steps))
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as unfinished:
-        write_channels(unfinished, channels, lambda mcap: None)
+        # its times are those of the mission, from which messages count too
+        facts = {START: str(clock.epoch_ns)}
+        write_channels(unfinished, channels, lambda mcap: mcap.write_metadata(CLOCK, facts))
 
 
 def _write_graphs(folder: Path, flight: FlightRecord) -> None:

@@ -109,7 +109,7 @@ def replay_measurements(
     for i, name in enumerate(motion.names[1:]):
         variant = scenario.navigation_of(i).variant
         factory = _smoother(variant, smooth_s) or find(variant).make
-        measurements, file_remarks = read_recording(path, name, longest_gap_s)
+        measurements, file_remarks, time_s = read_recording(path, name, longest_gap_s)
         remarks += file_remarks
         settings = replace(navigation_settings(scenario, motion.sites, i), dt=measurements.dt)
         try:
@@ -117,11 +117,15 @@ def replay_measurements(
         except ArithmeticError as error:
             raise LaisnError(f"{path}: {name}: the navigator diverged: {error}") from error
         except LaisnError as error:
-            when = _time_of_step(str(error), measurements.time)
+            when = _time_of_step(str(error), time_s)
             raise LaisnError(f"{path}: {name}: {when}{error}") from error
         baseline = scenario.leader.baseline_m or math.nan
         vehicle = Replayed(
-            name=name, measurements=measurements, estimates=estimates, baseline=baseline
+            name=name,
+            measurements=measurements,
+            estimates=estimates,
+            time=time_s,
+            baseline=baseline,
         )
         x, y = estimates.state[-1, :2]
         rows.append(
@@ -141,12 +145,12 @@ def replay_measurements(
 
 def _time_of_step(text: str, times: Floats) -> str:
     """When the step is that an error of a navigator begins with, for a message; "" if it names
-    none. Times are of the steps, shape (n,), [s].
+    none. Times are those at which the steps end, by the log, shape (n,), [s].
     """
     step = re.match(r"step (\d+):", text)
     if step is None or not 1 <= int(step[1]) <= times.size:
         return ""
-    return f"{times[int(step[1]) - 1]:g} s after the start, "
+    return f"at {times[int(step[1]) - 1]:.10g} s, "
 
 
 def _write_replay(
@@ -157,7 +161,7 @@ def _write_replay(
     output: OutputFile | None,
 ) -> None:
     """Print the remarks on a log, and write the estimates into a CSV file and the page into
-    out/replay.
+    out/replay; times are those of the log.
     """
     console = Console()
     columns = ("follower", "time_s", "x_m", "y_m", "vx_m_s", "vy_m_s", "xx_m2", "xy_m2", "yy_m2")
@@ -170,7 +174,7 @@ def _write_replay(
                 dict(zip(columns, (vehicle.name, time_s, *state, *variances), strict=True))
                 for vehicle in vehicles
                 for time_s, state, variances in zip(
-                    vehicle.measurements.time.tolist(),
+                    vehicle.time.tolist(),
                     vehicle.estimates.state.tolist(),
                     vehicle.estimates.covariance[:, [0, 0, 1], [0, 1, 1]].tolist(),
                     strict=True,
@@ -330,11 +334,13 @@ def replay_data_set(
         x, y = result.state[-1, :2]
         rows.append([name, *map(_number_text, scores[name]), f"{x:.2f}, {y:.2f}"])
     show_table(Console(), heads, rows)
+    begin_s = log.time_s[0] - measurements.time[0]
     vehicle = Replayed(
         name=VEHICLE,
         measurements=measurements,
         estimates=estimates,
-        path=log.truth,
+        time=log.time_s,
+        path=log.truth + np.array([begin_s, 0.0, 0.0]),
         mean_error=scores[title].mean,
     )
     _write_replay([vehicle], path, title, log.remarks, output)

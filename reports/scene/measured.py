@@ -42,9 +42,15 @@ class Measured:
 
     name: str
     measurements: Measurements
+    time: Floats  # when each filter step ends, shape (n,), [s]
     estimates: Estimates
     baseline: float = np.nan  # from the leader's rear to its front transmitter [m]
     path: Floats | None = None  # surveyed: time [s], east, north [m], shape (t, 3)
+
+    @property
+    def begin_s(self) -> float:
+        """When the first filter step begins."""
+        return float(self.time[0] - self.measurements.time[0])
 
 
 def _between(times: Floats, values: Floats, grid: Floats) -> Floats:
@@ -70,7 +76,7 @@ def _depth(vehicle: Measured, grid: Floats) -> Floats:
     depth = np.nan_to_num(vehicle.measurements.last_depth)
     if not depth.any():
         return np.full(grid.size, _SHOWN_DEPTH_M)
-    return np.interp(grid, vehicle.measurements.time, depth)
+    return np.interp(grid, vehicle.time, depth)
 
 
 def beacons_of(vehicles: Sequence[Measured]) -> Floats:
@@ -107,7 +113,7 @@ def _sources(measurements: Measurements, beacons: Floats) -> Floats:
 
 def _known_from(vehicle: Measured) -> float:
     """When the first estimate is there [s]."""
-    time = vehicle.measurements.time
+    time = vehicle.time
     return float(time[min(vehicle.estimates.steps_without_estimate, time.size - 1)])
 
 
@@ -126,8 +132,8 @@ class _Rows(NamedTuple):
 
 def _rows_of(vehicles: Sequence[Measured]) -> _Rows:
     """Rows of a replay, as many in a second as its length and its vehicles allow."""
-    start = min(float(vehicle.measurements.time[0]) for vehicle in vehicles)
-    end = max(float(vehicle.measurements.time[-1]) for vehicle in vehicles)
+    start = min(float(vehicle.time[0]) for vehicle in vehicles)
+    end = max(float(vehicle.time[-1]) for vehicle in vehicles)
     hz = rate_of(end - start, len(vehicles) + 1)
     slow_hz = min(SLOW_HZ, hz)
     return _Rows(
@@ -155,7 +161,7 @@ def _way_of_leader(vehicles: Sequence[Measured], rows: _Rows) -> _Way | None:
         pose_columns = _columns(vehicle.measurements, "east", "north", "heading", "depth")
         if pose_columns.size == 0 or not np.isfinite(pose_columns[:, :2]).all(axis=1).any():
             continue
-        times = vehicle.measurements.time[vehicle.measurements.message_step - 1]
+        times = vehicle.time[vehicle.measurements.message_step - 1]
         east_north = _between(times, pose_columns[:, :2], rows.grid)
         depth = np.interp(rows.grid, times, np.nan_to_num(pose_columns[:, 3], nan=_SHOWN_DEPTH_M))
         half_baseline = 0.5 * vehicle.baseline
@@ -180,15 +186,14 @@ def _way_of_follower(
     """A follower on its true path, where that is known of all, or else on its estimated one, east
     and north at each row, shape (n, 2), [m]; `model` is the index of its hull.
     """
-    measurements = vehicle.measurements
     path = estimated
     if has_truth and vehicle.path is not None:
         path = _between(vehicle.path[:, 0], vehicle.path[:, 1:3], rows.grid)
     return _Way(
         SceneVehicle(name=vehicle.name, role="follower", model=model),
         np.column_stack([path, -_depth(vehicle, rows.grid)]),
-        _level(_heading(measurements.time, measurements.heading, rows.grid)),
-        np.interp(rows.slow, measurements.time, np.nan_to_num(measurements.speed)),
+        _level(_heading(vehicle.time, vehicle.measurements.heading, rows.grid)),
+        np.interp(rows.slow, vehicle.time, np.nan_to_num(vehicle.measurements.speed)),
     )
 
 
@@ -204,7 +209,7 @@ def _pack(
     packer.add("estimate", states, units.estimate, 1)
     spread = []
     for vehicle in vehicles:
-        time = vehicle.measurements.time
+        time = vehicle.time
         row = np.searchsorted(time, rows.slow).clip(0, time.size - 1)
         spread.append(vehicle.estimates.covariance[row, :2, :2])
     add_spread(packer, np.stack(spread, axis=1), units.spread)
@@ -217,8 +222,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     beacons = beacons_of(vehicles)
     hulls, hull_of, _ = hulls_of(["leader", "follower"])
     states = [
-        _between(vehicle.measurements.time, vehicle.estimates.state[:, :2], rows.grid)
-        for vehicle in vehicles
+        _between(vehicle.time, vehicle.estimates.state[:, :2], rows.grid) for vehicle in vehicles
     ]
     leader = None if len(beacons) else _way_of_leader(vehicles, rows)
     ways = [] if leader is None else [leader]
@@ -230,7 +234,7 @@ def scene_of_measured(name: str, vehicles: Sequence[Measured]) -> Scene:
     _pack(packer, vehicles, ways, rows, np.stack(states, axis=1))
     refused: list[list[Any]] = []
     for f, vehicle in enumerate(vehicles):
-        refused += add_messages(packer, f, vehicle.measurements, vehicle.estimates, 0.0)
+        refused += add_messages(packer, f, vehicle.measurements, vehicle.estimates, vehicle.begin_s)
         if len(beacons):
             packer.add(f"source{f}", _sources(vehicle.measurements, beacons), order=0)
     heights = np.concatenate([*(way.position[:, 2] for way in ways), beacons[:, 2]])

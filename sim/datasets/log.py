@@ -66,8 +66,10 @@ class Replayable(NamedTuple):
     measurements: Measurements
     start: Floats  # x, y [m] and velocity [m/s] at step 0, shape (4,)
     stated: dict[str, Any]  # numbers, as of `RangeData`
-    truth: Floats  # time since the start [s], east and north [m], shape (t, 3)
+    # time since the begin of the first step [s], east and north [m], shape (t, 3)
+    truth: Floats
     remarks: tuple[str, ...]
+    time_s: Floats  # as of `Recording`
 
 
 def _with_robots_that_fit(data: RangeData) -> RangeData:
@@ -234,7 +236,7 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
     log = Contents(path, lambda topic, _: topic == pose_topic)
     if _RECORD not in log.metadata:
         raise LogError(f"{path}: no log of a data set; laisn log import FILE --out LOG makes one")
-    measurements, remarks = read_recording(path, VEHICLE, longest_gap_s)
+    measurements, remarks, time_s = read_recording(path, VEHICLE, longest_gap_s)
     with log_errors(path):
         facts = log.metadata[_RECORD]
         truth = np.empty((0, 3))
@@ -246,4 +248,4 @@ def read_data_set_log(path: Path, longest_gap_s: float = 10.0) -> Replayable:
             truth = np.column_stack([since_start_s, log.topics[pose_topic].table(POSE_FIELDS[:2])])
         start = np.array([float(facts["start_east"]), float(facts["start_north"]), 0.0, 0.0])
         stated = {name: float(facts[name]) for name in _STATED_ERRORS if facts.get(name)}
-    return Replayable(measurements, start, stated, truth, remarks)
+    return Replayable(measurements, start, stated, truth, remarks, time_s)

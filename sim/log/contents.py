@@ -4,6 +4,7 @@ what is intact.
 
 import mmap
 import os
+import re
 import struct
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -46,6 +47,11 @@ VEHICLES = "vehicles.json"
 SUMMARY = "summary.json"
 VERSIONS = "versions.json"
 FLIGHT = "laisn"  # metadata record that every log of a flight has
+CLOCK = "laisn clock"
+"""Metadata record of logs that know when their mission started, as those of the benchmark."""
+START = "start_ns"
+"""Key of that record: start of the mission [ns], from which `leader_timestamp` counts."""
+_FIRST_DATE_NS = 315_532_800 * 10**9  # 1980; times of logs that are less are no dates
 FIRST_GAP = "first_gap_ns"
 """Key of that record in a recovered log: time before which a flight is complete [ns]."""
 _INTERRUPTED = "INTERRUPTED"
@@ -374,15 +380,28 @@ class Contents:
             del messages.data[number:]
             del messages.ordinals[number:]
 
-    def start_ns(self) -> int:
-        """Start of the mission: the epoch of its scenario, or in other logs the first message
-        kept [ns].
+    def mission_start_ns(self) -> int | None:
+        """Start of the mission, as the log states it: the epoch of its scenario, or the metadata
+        record of its clock [ns]; None: it does not.
         """
         if SCENARIO in self.attachments:
             return Clock(
                 scenario_file.parse(self.attachments[SCENARIO].decode(), SCENARIO)["epoch"]
             ).epoch_ns
-        return min((int(m.time_ns[0]) for m in self.topics.values() if m.data), default=0)
+        stated = self.metadata.get(CLOCK, {}).get(START, "")
+        return int(stated) if re.fullmatch(r"[0-9]{1,19}", stated) else None
+
+    def start_ns(self) -> int:
+        """Zero of times of the log that are given in seconds [ns].
+
+        The start of the mission where the log states it; without, the first message of any channel
+        if its time is a date, and else zero: such times already count from a start.
+        """
+        stated = self.mission_start_ns()
+        if stated is not None:
+            return stated
+        first = min((min(m.times) for m in self.topics.values() if m.times), default=0)
+        return first if first >= _FIRST_DATE_NS else 0
 
     def require(self, topic: str, names: Sequence[str], empty_schema: Any = None) -> Messages:
         """The messages of a topic that have fields of these names.

@@ -82,6 +82,9 @@ class Recording(NamedTuple):
 
     measurements: Measurements
     remarks: tuple[str, ...]
+    # when each filter step ends, since the zero of the log that `Contents.start_ns` tells, for all
+    # vehicles the same, shape (n,), [s]
+    time_s: Floats
 
 
 def _record(log: Contents, name: str, types: Sequence[RecordType], grid_ns: Ints) -> dict[str, Any]:
@@ -487,17 +490,18 @@ def _late_receptions(
 
 
 def _gaps(
-    path: Path, topic: str, time_ns: Ints, spacing_ns: Ints, longest_gap_s: float
+    path: Path, topic: str, time_s: Floats, spacing_ns: Ints, longest_gap_s: float
 ) -> list[str]:
-    """Remarks on gaps; LogError if one is too long."""
+    """Remarks on gaps between steps that end at times since the zero of the log; LogError if one
+    is too long.
+    """
     longest_step_ns = _MIN_GAP_STEPS * float(np.median(spacing_ns))
     gaps = np.flatnonzero(spacing_ns > longest_step_ns)
     largest_gaps = gaps[np.argsort(-spacing_ns[gaps], kind="stable")][:_MAX_NAMED_GAPS]
-    begin = time_ns[largest_gaps] - time_ns[0]
     number = _count(gaps.size, "gap")
     places = ", ".join(
-        f"{s / 1e9:.3g} s at {b / 1e9:.3f} s"
-        for s, b in zip(spacing_ns[largest_gaps], begin, strict=True)
+        f"{s / 1e9:.3g} s at {begin_s:.3f} s"
+        for s, begin_s in zip(spacing_ns[largest_gaps], time_s[largest_gaps], strict=True)
     )
     places += (
         f" and {gaps.size - largest_gaps.size} shorter ones"
@@ -720,18 +724,26 @@ def read_recording(
         ),
     )
     with log_errors(log.path):
+        start_ns = log.start_ns()
+        mission_start_ns = log.mission_start_ns()
         channels = _read_channels(log, motion_topic, reception_topic)
     steps = _steps_of(channels, log.path, motion_topic)
     dt_ns = steps.dt_ns
     remarks = [f"{name} left out: its messages are no numbers" for name in channels.unread]
     remarks += channels.clock_remarks
-    remarks += _gaps(log.path, motion_topic, steps.time_ns, steps.spacing_ns, longest_gap_s)
+    time_s = (steps.time_ns - start_ns) / 1e9
+    remarks += _gaps(log.path, motion_topic, time_s, steps.spacing_ns, longest_gap_s)
     message = channels.message
     if FLIGHT not in log.metadata:
         remarks += _late_receptions(
             reception_topic, channels.heard_ns, message, channels.ranges, dt_ns
         )
-    message[:, 0] = _since_start(message[:, 0], channels.heard_ns, int(steps.time_ns[0]) - dt_ns)
+    begin_ns = int(steps.time_ns[0]) - dt_ns
+    if mission_start_ns is None:
+        message[:, 0] = _since_start(message[:, 0], channels.heard_ns, begin_ns)
+    else:
+        # both clocks count from the start of the mission
+        message[:, 0] -= 1e-9 * (begin_ns - mission_start_ns)
     if not _MIN_STEP_NS < dt_ns < _MAX_STEP_NS:
         remarks.append(
             f"{motion_topic} comes every {dt_ns / 1e9:g} s: are the log times in nanoseconds?"
@@ -765,4 +777,4 @@ def read_recording(
             if sensor in channels.custom
         },
     )
-    return Recording(measurements, tuple(remarks))
+    return Recording(measurements, tuple(remarks), time_s)

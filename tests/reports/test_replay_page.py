@@ -61,6 +61,7 @@ def replayed_vehicle(**changes: Any) -> Replayed:
         "name": "auv",
         "measurements": measurements,
         "estimates": estimates,
+        "time": time,
         "baseline": 2.0,
         "path": path,
         "mean_error": 3.0,

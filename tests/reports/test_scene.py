@@ -244,6 +244,7 @@ def measured_of(replayed: Replayed) -> Measured:
         name=replayed.name,
         measurements=replayed.measurements,
         estimates=replayed.estimates,
+        time=replayed.time,
         baseline=replayed.baseline,
         path=replayed.path,
     )

@@ -94,7 +94,7 @@ def test_an_imported_table_has_the_measurements_of_the_table(tmp_path: Path) -> 
     """A table of the benchmark is one that `laisn log import` takes."""
     table = SAMPLE / "measurements" / "astern" / "01" / "follower.csv"
     laisn("log", "import", table, "--out", tmp_path / "run.mcap")
-    imported, _ = read_recording(tmp_path / "run.mcap")
+    imported, *_ = read_recording(tmp_path / "run.mcap")
     measured = read_measurements(table)
     assert imported.dt == measured.dt
     np.testing.assert_array_equal(imported.message_step, measured.message_step)
@@ -148,7 +148,7 @@ def test_further_sensors_are_in_all_formats_and_navigators_get_them(tmp_path: Pa
     options = ("--mission", "bottom-lock", "--seeds", 1, "--seconds", 60, "--workers", 1)
     laisn("bench-data", folder, *options, "--format", "mcap")
     measured = read_measurements(folder / "measurements" / "bottom-lock" / "01" / "follower.csv")
-    log, _ = read_recording(folder / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
+    log, *_ = read_recording(folder / "measurements" / "bottom-lock" / "01" / "measurements.mcap")
     assert set(measured.custom) == {"dvl", "gyros", "inclinometer"}
     for name, readings in measured.custom.items():
         np.testing.assert_allclose(log.custom[name], readings, rtol=0, atol=1e-12, err_msg=name)

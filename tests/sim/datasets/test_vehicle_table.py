@@ -61,7 +61,7 @@ def test_a_table_is_read_with_any_delimiter_and_clock(
     assert "speed [kn]: speed in kn" in actual.remarks
     assert actual.remarks[-1] == "not used: note"
     write_vehicle_table(actual, tmp_path / "a.mcap")
-    measured, remarks = read_recording(tmp_path / "a.mcap")
+    measured, remarks, _ = read_recording(tmp_path / "a.mcap")
     assert remarks == ()
     assert measured.dt == pytest.approx(0.1, abs=0.01)
     assert measured.speed == pytest.approx(np.full(200, 2 * 1852 / 3600))
@@ -157,7 +157,7 @@ def test_a_table_without_own_motion_is_refused_with_the_empty_column(tmp_path: P
 
 
 def test_what_a_navigator_refuses_of_a_log_is_named_with_file_and_time(tmp_path: Path) -> None:
-    """The 50th of rows 0.1 s apart, which end steps."""
+    """The 50th of rows 0.1 s apart, which end steps, by its time in the table."""
     measured = read_vehicle_table(table(tmp_path))
     measured.columns["speed"][49] = 99.0
     write_vehicle_table(measured, tmp_path / "a.mcap")
@@ -166,8 +166,9 @@ def test_what_a_navigator_refuses_of_a_log_is_named_with_file_and_time(tmp_path:
     )
     text = answer.output
     assert "a.mcap: follower: " in text
-    time_s = float(text.split("follower: ")[1].split(" s after the start")[0])
-    assert time_s == pytest.approx(5.0, abs=0.1)
+    time_s = float(text.split("follower: at ")[1].split(" s, step")[0])
+    # the table begins at 5 s
+    assert time_s == pytest.approx(5.0 + 4.9, abs=0.03)
     assert "step 50: the speed is 99 m/s" in text
 
 

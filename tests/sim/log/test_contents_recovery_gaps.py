@@ -223,7 +223,7 @@ def test_of_a_flight_with_a_gap_the_start_is_a_flight_and_all_measurements_are_k
     assert 100 < instants < flight.trajectory.time.size // 2 + 200
     assert start.trajectory.position.tobytes() == flight.trajectory.position[:instants].tobytes()
     name = flight.trajectory.names[1]
-    measured, remarks = read_recording(recovered, name, 100.0)
+    measured, remarks, _ = read_recording(recovered, name, 100.0)
     assert measured.time[-1] == pytest.approx(100.0, abs=0.11)
     assert measured.speed.size > start.measurements[0].speed.size + 100
     assert any("gap" in remark for remark in remarks)
