@@ -104,7 +104,8 @@ def allocate(inverse: Floats, limits: Floats, wrench: Floats, command: Floats) -
         command: out: forces, shape (m,), m ≤ M, [N].
     """
     m = command.shape[0]
-    demand = (wrench[0], wrench[1], wrench[2], 0.0, wrench[4], wrench[5])
+    wrench[ROLL] = 0.0
+    demand = (wrench[0], wrench[1], wrench[2], wrench[3], wrench[4], wrench[5])
     is_feasible = _exceeding(inverse, limits, demand, command) == 0.0
     if not all_lanes(is_feasible):
         _allocate_by_priority(inverse, limits, wrench, command)
@@ -144,7 +145,6 @@ def _allocate_by_priority(inverse: Floats, limits: Floats, wrench: Floats, comma
     m = command.shape[0]
     for i in range(m):
         command[i] = 0.0
-    wrench[ROLL] = 0.0
     for axis in PRIORITY:
         wrench[axis] = _add(inverse, limits, axis, wrench[axis], command)
 
@@ -163,11 +163,11 @@ def _add(inverse: Floats, limits: Floats, axis: int, wanted: float, command: Flo
         is_idle = step == 0.0
         possible_share = (limit - command[i]) / select(is_idle, 1.0, step)
         share = select(is_idle, share, min(share, possible_share))
-    added = wanted * max(share, 0.0)
+    added: float = wanted * max(share, 0.0)
     for i in range(m):
         # the clip takes off what rounding may leave beyond a limit
         command[i] = clip(command[i] + inverse[i, axis] * added, limits[i, 0], limits[i, 1])
-    return float(added)
+    return added
 
 
 @compiled
