@@ -34,6 +34,7 @@ from sim.log.clock import (
     correct_steps_forward,
     reception_times,
 )
+from sim.log.order import repeats
 from sim.log.schema import OWN_MOTION
 
 
@@ -62,12 +63,13 @@ def _time_ns(columns: Columns, unit: str) -> Ints:
     return np.rint(columns.time.values * ns_per_unit).astype(np.int64)
 
 
-def _require_since_1970(columns: Columns, time_ns: Ints) -> None:
+def _require_since_1970(columns: Columns, recording: RecordedRows) -> None:
     """LaisnError if corrected times lie before 1970."""
-    row = int(np.argmin(time_ns))
-    if time_ns[row] < 0:
+    row = int(np.argmin(recording.time))
+    if recording.time[row] < 0:
         raise LaisnError(
-            f"{columns.time.where}, row {row + 1}: times before 1970, or negative ones"
+            f"{columns.time.where}, row {recording.number(row)}: times before 1970, or negative "
+            "ones"
         )
 
 
@@ -98,6 +100,20 @@ def _si(
         else:
             add(column, column.unit or choice[column.quantity.name])
     return table, remarks
+
+
+def _rows_once(time_ns: Ints, table: Mapping[str, Floats]) -> tuple[Ints, list[str]]:
+    """Numbers, from 1 on, of the rows that do not repeat earlier ones wholly, and a remark on the
+    others.
+    """
+    is_repeated = repeats(time_ns, np.column_stack([*table.values()]))
+    numbers = np.arange(1, time_ns.size + 1)
+    count = int(np.count_nonzero(is_repeated))
+    if not count:
+        return numbers, []
+    first = int(np.argmax(is_repeated)) + 1
+    rows = "1 row repeats an earlier one" if count == 1 else f"{count} rows repeat earlier ones"
+    return numbers[~is_repeated], [f"{rows} wholly, first row {first}: left out"]
 
 
 def _has_motion(columns: Columns, table: Mapping[str, Floats]) -> Bools:
@@ -132,6 +148,9 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     unit = columns.time.unit or choice[TIME.name]
     time_ns = _time_ns(columns, unit)
     table, unit_remarks = _si(columns, choice, (time_ns - time_ns[0]) / 1e9)
+    numbers, repeat_remarks = _rows_once(time_ns, table)
+    time_ns = time_ns[numbers - 1]
+    table = {field: values[numbers - 1] for field, values in table.items()}
     ranges = {field: values for field, values in table.items() if field.startswith("range_")}
     received = np.any(np.isfinite(list(ranges.values())), axis=0)
     if not received.any():
@@ -145,11 +164,12 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
         columns=table,
         has_motion=has_motion,
         received=received,
-        remarks=[],
+        remarks=repeat_remarks,
+        numbers=numbers,
     )
     correct_steps_back(recording)
     correct_steps_forward(recording)
-    _require_since_1970(columns, recording.time)
+    _require_since_1970(columns, recording)
     received_ns = reception_times(recording)
     time_ns = recording.time
     table = recording.columns

@@ -42,6 +42,12 @@ class RecordedRows:
     remarks: list[str]
     item: str = "row"  # or message, for remarks
     stepped: bool = False  # whether the clock stepped
+    # of each row in the file, counted from 1, shape (n,); None: all rows of it are here
+    numbers: Ints | None = None
+
+    def number(self, row: int) -> int:
+        """The number of a row in the file, counted from 1."""
+        return row + 1 if self.numbers is None else int(self.numbers[row])
 
     @property
     def rows(self) -> Ints:
@@ -132,8 +138,8 @@ def correct_steps_back(recording: RecordedRows) -> None:
     if len(steps) > _MAX_STEPS:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time steps back {len(steps)} times, first "
-            f"after {recording.item} {rows[steps[0] - 1] + 1}; {recording.item}s are expected in "
-            "order of recording"
+            f"after {recording.item} {recording.number(rows[steps[0] - 1])}; "
+            f"{recording.item}s are expected in order of recording"
         )
     for position in steps:
         row = int(rows[position])
@@ -147,7 +153,7 @@ def correct_steps_back(recording: RecordedRows) -> None:
         origin = int(recording.time[0])
         recording.remarks.append(
             f"{recording.name} {clocks} back by {shift_ns / 1e9:.6g} s after {recording.item} "
-            f"{last + 1}, {(before_ns - origin) / 1e9:.6g} s after the first; later "
+            f"{recording.number(last)}, {(before_ns - origin) / 1e9:.6g} s after the first; later "
             f"{recording.item}s are shifted by as much, so that {passed_ns / 1e9:g} s lie between"
         )
     _require_receptions_in_order(recording)
@@ -166,8 +172,8 @@ def _require_receptions_in_order(recording: RecordedRows) -> None:
     if steps:
         raise LaisnError(
             f"{recording.source}: {recording.name}: the time of receptions steps back after "
-            f"{recording.item} {rows[steps[0] - 1] + 1}, and that of own measurements does not; "
-            f"{recording.item}s are expected in order of recording"
+            f"{recording.item} {recording.number(rows[steps[0] - 1])}, and that of own "
+            f"measurements does not; {recording.item}s are expected in order of recording"
         )
 
 
@@ -206,14 +212,14 @@ def correct_steps_forward(recording: RecordedRows) -> None:
         gap_ns = int(recording.time[row] - recording.time[last])
         step = _steps_forward(recording, row, last)
         if step is None:
-            gaps.append(f"{gap_ns / 1e9:.6g} s after row {last + 1}")
+            gaps.append(f"{gap_ns / 1e9:.6g} s after row {recording.number(last)}")
             continue
         passed_ns, leader_too = step
         _shift(recording, row, passed_ns - gap_ns, leader_too)
         by = "way" if leader_too else "clock"
         recording.remarks.append(
             f"{recording.name} steps forward by {(gap_ns - passed_ns) / 1e9:.6g} s after row "
-            f"{last + 1} by the leader's {by}; later rows are shifted back"
+            f"{recording.number(last)} by the leader's {by}; later rows are shifted back"
         )
     if gaps:
         named = ", ".join(gaps[:_MAX_NAMED_GAPS])

@@ -192,3 +192,55 @@ def test_receptions_on_time_are_not_changed(tmp_path: Path) -> None:
     table = read(tmp_path, table_lines())
     assert table.reception_ns.tolist() == table.time_ns.tolist()
     assert len(table.remarks) == HEADER.count(",") + 1
+
+
+def noisy_lines() -> list[str]:
+    """As `table_lines`, with speeds that no two rows have in common."""
+    return [line.replace(",1,", f",{1 + 1e-4 * k:.4f},", 1) for k, line in enumerate(table_lines())]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "repeated"),
+    [
+        # the end of one recording is the beginning of the next
+        (lambda lines: [*lines[:500], *lines[480:]], (501, 20)),
+        # the first lost rows that the second has
+        (lambda lines: [*lines[:485], *lines[490:500], *lines[480:]], (496, 15)),
+        # all of it again, and each row twice
+        (lambda lines: [*lines, *lines], (1001, 1000)),
+        (lambda lines: [line for line in lines for _ in range(2)], (2, 1000)),
+    ],
+)
+def test_repeated_rows_are_left_out(
+    tmp_path: Path,
+    recorded: Callable[[list[str]], list[str]],
+    repeated: tuple[int, int],
+) -> None:
+    """What is read is what one recording without repetitions holds."""
+    table = read(tmp_path, recorded(noisy_lines()))
+    once = read(tmp_path, noisy_lines())
+    np.testing.assert_array_equal(table.time_ns, once.time_ns)
+    np.testing.assert_array_equal(table.reception_ns, once.reception_ns)
+    for field, values in once.columns.items():
+        np.testing.assert_array_equal(table.columns[field], values)
+    (remark,) = (remark for remark in table.remarks if "repeat" in remark)
+    first, count = repeated
+    assert remark == f"{count} rows repeat earlier ones wholly, first row {first}: left out"
+    assert not any("steps back" in remark for remark in table.remarks)
+
+
+def test_rows_alike_after_a_step_back_are_no_repetition(tmp_path: Path) -> None:
+    """Own motion is constant, and the clock is set back by 30 s to times that earlier rows have:
+    messages tell that they are others.
+    """
+    table = read(tmp_path, table_lines(stepped(-30.0), stepped(-30.0)))
+    reception_time, emission_time = reception_and_emission_times(table)
+    assert reception_time == pytest.approx(emission_time, abs=1e-6)
+    assert table.time_ns.size == 1000
+
+
+def test_remarks_after_repeated_rows_count_all_rows(tmp_path: Path) -> None:
+    """The gap is after row 620 of the file, which is the 600th without the repeated ones."""
+    lines = noisy_lines()
+    table = read(tmp_path, [*lines[:500], *lines[480:600], *lines[650:]])
+    assert any("5.1 s after row 620" in remark for remark in table.remarks), table.remarks
