@@ -1,9 +1,10 @@
 """A bag and its map as the table of a vehicle's measurements.
 
 The messages of one topic are the filter steps. Own measurements of other topics are interpolated
-to them, angles the short way, but not over gaps. Ranges of different transmitters that come within
-a window are one reception, at the last of them. What the leader broadcasts is of the same message,
-or of another topic, whose values are interpolated to that time, or held.
+to them, angles the short way, but not over gaps; depth is absent there. Ranges of different
+transmitters that come within a window are one reception, at the last of them. What the leader
+broadcasts is of the same message, or of another topic, whose values are interpolated to that time,
+or held.
 """
 
 from collections.abc import Mapping
@@ -23,13 +24,11 @@ from sim.datasets.field_map import (
     GeodeticOrigin,
     require_complete,
 )
+from sim.datasets.interpolation import interpolated
 from sim.datasets.table_columns import ANGLE, quantity_of, require_depths
 from sim.datasets.vehicle_table import VehicleTable
 from sim.log.clock import TIMESTAMP
 from sim.log.schema import OWN_MOTION
-
-_BRIDGED_INTERVALS = 5.0  # gaps up to so many intervals between messages are interpolated
-_BRIDGED_S = 1.0  # and all gaps up to this long [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,27 +73,7 @@ def _leader_times(mapped: _Mapped, heard_ns: Ints) -> Floats:
 
 def _interpolated(series: Series, time_ns: Ints, *, is_angle: bool) -> Floats:
     """Values between messages; NaN outside of them and within gaps."""
-    finite = np.isfinite(series.values)
-    times = series.time_ns[finite]
-    values = series.values[finite]
-    if not times.size:
-        return np.full(time_ns.size, np.nan)
-    after = np.searchsorted(times, time_ns)
-    before = np.clip(np.searchsorted(times, time_ns, side="right") - 1, 0, times.size - 1)
-    is_covered = (after < times.size) & (time_ns >= times[0])
-    after = np.minimum(after, times.size - 1)
-    span = times[after] - times[before]
-    interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
-    longest_ns = max(_BRIDGED_INTERVALS * interval, 1e9 * _BRIDGED_S)
-    share = np.divide(time_ns - times[before], span, out=np.zeros(time_ns.size), where=span > 0)
-    change = values[after] - values[before]
-    if is_angle:
-        change = np.remainder(change + np.pi, 2.0 * np.pi) - np.pi
-    # between two messages alone: at a message its value counts to the bit
-    result = np.where(share > 0.0, values[before] + share * change, values[before])
-    if is_angle:
-        result = np.where(share > 0.0, np.remainder(result, 2.0 * np.pi), result)
-    return np.where(is_covered & (span <= longest_ns), result, np.nan)
+    return interpolated(series.time_ns, series.values, time_ns, is_angle=is_angle)
 
 
 def _origin(
@@ -276,8 +255,9 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     received = {field: mapped.values_at(field, heard_ns) for field in others}
     received |= {field: ranges[:, i] for i, field in enumerate(range_fields)}
     received.setdefault(TIMESTAMP, _leader_times(mapped, heard_ns) / 1e9)
-    is_complete = np.all([np.isfinite(values) for values in own_motion.values()], axis=0)
-    if not is_complete.any():
+    # depth may be silent for a while: navigators take the last reading
+    is_complete = np.isfinite(own_motion["speed"]) & np.isfinite(own_motion["heading"])
+    if not np.any(is_complete & np.isfinite(own_motion["depth"])):
         raise LaisnError(
             f"{path}: at no message of {step_topic} there are speed, heading and depth at once; do "
             'the topics overlap in time? stamps = "log" takes the times of recording'
@@ -285,9 +265,13 @@ def read_bag_table(path: Path, field_map: FieldMap) -> VehicleTable:
     for name, values in (own_motion | received).items():
         if "depth" in name:
             require_depths(f"{path}, {name}", values)
+    own_depth = own_motion["depth"][is_complete]
+    silent = int(np.count_nonzero(np.isnan(own_depth)))
     left_out = int(np.count_nonzero(~is_complete))
     if left_out:
         remarks.append(f"{left_out} messages of {step_topic} outside of the other topics left out")
+    if silent:
+        remarks.append(f"{silent} filter steps without depth: the last one counts")
     remarks.append(f"filter steps: {int(is_complete.sum())} messages of {step_topic}")
     remarks.append(f"receptions: {heard_ns.size}, of {np.isfinite(ranges).sum()} ranges")
     time_ns = np.concatenate([steps_ns[is_complete], heard_ns])

@@ -193,7 +193,7 @@ def write_vehicle_table(table: VehicleTable, path: Path) -> None:
     if that fails.
     """
     empty = np.full(table.time_ns.size, np.nan)
-    has_motion = np.all([np.isfinite(table.columns[field]) for field in OWN_MOTION.fields], axis=0)
+    has_motion = np.isfinite(table.columns["speed"]) & np.isfinite(table.columns["heading"])
     ranges = [values for field, values in table.columns.items() if field.startswith("range_")]
     received = np.any(np.isfinite(ranges), axis=0)
     reception = PLACED_RECEPTION if set(PLACES.names) & set(table.columns) else RECEPTION

@@ -15,9 +15,11 @@ import numpy as np
 from laisn.arrays import Bools, Floats, Ints
 from laisn.errors import LaisnError
 from sim.datasets.field_map import FieldMap
+from sim.datasets.interpolation import interpolated
 from sim.datasets.mapped_table import read_mapped_columns
 from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
+    ANGLE,
     DATES,
     TIME,
     Column,
@@ -116,20 +118,64 @@ def _rows_once(time_ns: Ints, table: Mapping[str, Floats]) -> tuple[Ints, list[s
     return numbers[~is_repeated], [f"{rows} wholly, first row {first}: left out"]
 
 
-def _has_motion(columns: Columns, table: Mapping[str, Floats]) -> Bools:
-    """Which rows have all measurements of the vehicle's own motion, shape (n,); LaisnError if none
-    has.
+def _has_steps(columns: Columns, table: Mapping[str, Floats]) -> Bools:
+    """Rows with what is measured most often of the vehicle's own motion, which are its filter
+    steps, shape (n,); LaisnError if speed, heading or depth is in no row.
     """
-    has_motion: Bools = np.all([np.isfinite(table[field]) for field in OWN_MOTION.fields], axis=0)
-    if not has_motion.any():
-        own = [columns.fields[field] for field in OWN_MOTION.fields]
-        empty = [column.header.strip() for column in own if not np.isfinite(column.values).any()]
-        headers = ", ".join(column.header.strip() for column in own)
-        cause = (
-            f"all cells of {', '.join(empty)} are empty" if empty else "each row lacks one of them"
-        )
-        raise LaisnError(f"{columns.path}: no row has all of {headers}: {cause}")
-    return has_motion
+    measured = {field: np.isfinite(table[field]) for field in OWN_MOTION.fields}
+    empty = [
+        columns.fields[field].header.strip() for field, rows in measured.items() if not rows.any()
+    ]
+    if empty:
+        raise LaisnError(f"{columns.path}: all cells of {', '.join(empty)} are empty")
+    return max(measured.values(), key=np.count_nonzero)
+
+
+def _bring_to_steps(
+    columns: Columns, time_ns: Ints, table: dict[str, Floats], is_step: Bools
+) -> list[str]:
+    """Leave own motion at the filter steps alone, with rows in order of time; remarks on what they
+    lacked.
+
+    Speed and heading that are measured less often are interpolated to them, but not over gaps:
+    such steps are none. A depth in another row is that of the next step, and where there is none
+    it is absent. LaisnError if no step has speed and heading.
+    """
+    remarks = list[str]()
+    steps = np.flatnonzero(is_step)
+
+    def remark(field: str, count: int, consequence: str) -> None:
+        if count:
+            header = columns.fields[field].header.strip()
+            remarks.append(
+                f"{header}: absent at {count} of {steps.size} filter steps, {consequence}"
+            )
+
+    at_steps = dict[str, Floats]()
+    for field in ("speed", "heading"):
+        values = table[field]
+        is_angle = columns.fields[field].quantity is ANGLE
+        at_steps[field] = interpolated(time_ns, values, time_ns[steps], is_angle=is_angle)
+        absent = np.isnan(values[steps])
+        bridged = int(np.count_nonzero(absent & np.isfinite(at_steps[field])))
+        remark(field, bridged, "interpolated")
+        remark(field, int(absent.sum()) - bridged, "in gaps or at an end: left out")
+    others = np.flatnonzero(np.isfinite(table["depth"]) & ~is_step)
+    next_step = np.searchsorted(time_ns[steps], time_ns[others])
+    has_next = next_step < steps.size
+    depth = np.full(steps.size, np.nan)
+    depth[next_step[has_next]] = table["depth"][others[has_next]]
+    own_depth = table["depth"][steps]
+    at_steps["depth"] = np.where(np.isfinite(own_depth), own_depth, depth)
+    remark("depth", int(np.isnan(at_steps["depth"]).sum()), "the last one counts")
+    is_complete = np.isfinite(at_steps["speed"]) & np.isfinite(at_steps["heading"])
+    if not is_complete.any():
+        headers = " and ".join(columns.fields[f].header.strip() for f in ("speed", "heading"))
+        raise LaisnError(f"{columns.path}: {headers} are never known at the same time")
+    for field, values in at_steps.items():
+        table[field] = np.full(time_ns.size, np.nan)
+        table[field][steps] = np.where(is_complete, values, np.nan)
+    return remarks
 
 
 def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> VehicleTable:
@@ -156,7 +202,7 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     if not received.any():
         headers = ", ".join(columns.fields[field].header.strip() for field in ranges)
         raise LaisnError(f"{path}: no row has a range, all cells of {headers} are empty")
-    has_motion = _has_motion(columns, table)
+    has_motion = _has_steps(columns, table)
     recording = RecordedRows(
         source=str(path),
         name=columns.time.header.strip(),
@@ -174,18 +220,16 @@ def read_vehicle_table(path: Path, field_map: FieldMap | None = None) -> Vehicle
     time_ns = recording.time
     table = recording.columns
     table.setdefault(TIMESTAMP, time_ns / 1e9)
+    order = np.argsort(time_ns, kind="stable")
+    table = {field: values[order] for field, values in table.items()}
+    step_remarks = _bring_to_steps(columns, time_ns[order], table, has_motion[order])
     header = columns.time.header.strip()
     remarks = [
         f"{header}: time in {DATES if columns.has_dates else unit}, {np.ptp(time_ns) / 1e9:g} s",
         *unit_remarks,
         *choice_remarks,
         *recording.remarks,
+        *step_remarks,
     ]
     remarks += [f"not used: {', '.join(columns.unused)}"] if columns.unused else []
-    order = np.argsort(time_ns, kind="stable")
-    return VehicleTable(
-        time_ns[order],
-        received_ns[order],
-        {field: values[order] for field, values in table.items()},
-        tuple(remarks),
-    )
+    return VehicleTable(time_ns[order], received_ns[order], table, tuple(remarks))

@@ -624,7 +624,9 @@ def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _C
 
 
 class _Steps(NamedTuple):
-    """Filter steps: own measurements that are finite, of several at one time the last."""
+    """Filter steps: own measurements that are finite, of several at one time the last. Depth may be
+    absent, NaN.
+    """
 
     time_ns: Ints  # of their ends, increasing, shape (n,)
     readings: Floats  # speed, heading and depth, shape (3, n)
@@ -656,7 +658,8 @@ def _left_out(is_left_out: Bools, topic: str, reason: str) -> list[str]:
 
 def _steps_of(channels: _Channels, path: Path, topic: str) -> _Steps:
     """Filter steps of own measurements; LogError if there are fewer than two."""
-    finite = np.all(np.isfinite(channels.readings), axis=0)
+    # a depth that is absent is the last one to navigators; speed and heading they need
+    finite = np.all(np.isfinite(channels.readings[:2]), axis=0) & ~np.isinf(channels.readings[2])
     last = _last_of_equals(channels.time_ns[finite])
     steps = _Steps(
         channels.time_ns[finite][last],
@@ -666,6 +669,8 @@ def _steps_of(channels: _Channels, path: Path, topic: str) -> _Steps:
             *_left_out(~last, topic, "at the very time of another"),
         ],
     )
+    if steps.time_ns.size > 1 and np.all(np.isnan(steps.readings[2])):
+        raise LogError(f"{path}: {topic} has no depth in any message")
     if steps.time_ns.size < 2:
         raise LogError(
             f"{path}: {topic} holds {_count(steps.time_ns.size, 'usable message')}; at least two "
