@@ -2,14 +2,20 @@
 frozen dataclasses.
 """
 
-from collections.abc import Collection, Mapping
-from dataclasses import fields
+import math
+import numbers
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
 from itertools import pairwise
+from types import NoneType, UnionType
 from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
+    Literal,
     TypeAlias,
+    Union,
     cast,
     get_args,
     get_origin,
@@ -19,6 +25,7 @@ from typing import (
 import numpy as np
 import numpy.typing as npt
 
+from laisn.errors import LaisnError
 from laisn.spilled import is_long, is_spilled, spillable_zeros
 
 if TYPE_CHECKING:
@@ -149,33 +156,142 @@ def require_shapes(record: object, expected: Mapping[str, tuple[int, ...]]) -> N
             raise ValueError(f"{type(record).__name__}.{name} has shape {actual}, expected {shape}")
 
 
-def require_numbers(
-    record: "DataclassInstance", *, positive: Collection[str] = (), signed: Collection[str] = ()
-) -> None:
-    """ValueError naming a float of a record that is not finite, negative unless `signed`, or 0
-    if `positive`.
+@cache
+def _declared_types(kind: type) -> dict[str, Any]:
+    """Types that a dataclass declares of its fields; none where they have names that are not there
+    at run time.
     """
+    try:
+        return get_type_hints(kind)
+    except (NameError, TypeError, AttributeError, SyntaxError):
+        return {}
+
+
+class _UnexpectedError(Exception):
+    """A value is not of the declared type; the text says what was expected."""
+
+
+_BOOLS = (bool, np.bool_)
+
+
+def _number(value: Any, kind: type[numbers.Number], name: str) -> Any:
+    if isinstance(value, _BOOLS) or not isinstance(value, kind):
+        raise _UnexpectedError(name)
+    return value
+
+
+def _as_bool(value: Any) -> bool:
+    if not isinstance(value, _BOOLS):
+        raise _UnexpectedError("True or False")
+    return bool(value)
+
+
+def _as_text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise _UnexpectedError("a text")
+    return value
+
+
+def _as_tuple(value: Any, hint: Any) -> tuple[Any, ...]:
+    """A tuple, list or array by a hint as `tuple[float, ...]` or `tuple[float, float]`."""
+    declared = get_args(hint)
+    if not isinstance(value, tuple | list | np.ndarray):
+        raise _UnexpectedError("a tuple")
+    if declared[1:] == (...,):
+        return tuple(_as_declared(item, declared[0]) for item in value)
+    if len(value) != len(declared):
+        raise _UnexpectedError(f"{len(declared)} values")
+    return tuple(map(_as_declared, value, declared))
+
+
+def _as_one_of(value: Any, hints: tuple[Any, ...]) -> Any:
+    """A value as the first of several types that it is of."""
+    expected = []
+    for hint in hints:
+        try:
+            return _as_declared(value, hint)
+        except _UnexpectedError as error:
+            expected.append(str(error))
+    raise _UnexpectedError(" or ".join(expected))
+
+
+def _as_none(value: Any) -> None:
+    if value is not None:
+        raise _UnexpectedError("None")
+
+
+_SIMPLE: dict[Any, Callable[[Any], Any]] = {
+    float: lambda value: float(_number(value, numbers.Real, "a finite number")),
+    int: lambda value: int(_number(value, numbers.Integral, "a whole number")),
+    bool: _as_bool,
+    str: _as_text,
+    NoneType: _as_none,
+}
+"""How a value of the types that are checked becomes the one of the type itself."""
+
+
+def _as_declared(value: Any, hint: Any) -> Any:
+    """A value as the declared type has it: whole numbers and those of NumPy as `float` where that
+    is the type; _UnexpectedError of another type. Types of users' own are not checked.
+    """
+    if hint in _SIMPLE:
+        return _SIMPLE[hint](value)
+    if get_origin(hint) is Literal:
+        choices = get_args(hint)
+        if not any(type(value) is type(choice) and value == choice for choice in choices):
+            raise _UnexpectedError(f"one of {', '.join(map(str, choices))}")
+        return value
+    if get_origin(hint) is tuple and get_args(hint):
+        return _as_tuple(value, hint)
+    if get_origin(hint) in (Union, UnionType):
+        return _as_one_of(value, get_args(hint))
+    if isinstance(hint, type) and is_dataclass(hint) and not isinstance(value, hint):
+        raise _UnexpectedError(f"an object of {hint.__name__}")
+    return value
+
+
+def _numbers_in(value: Any) -> Iterator[float]:
+    """The numbers of a value of nested tuples."""
+    if isinstance(value, tuple):
+        for item in value:
+            yield from _numbers_in(item)
+    elif isinstance(value, float):
+        yield value
+
+
+def require_numbers(
+    record: "DataclassInstance",
+    *,
+    positive: Collection[str] = (),
+    signed: Collection[str] = (),
+    chances: Collection[str] = (),
+) -> None:
+    """LaisnError naming a field of a frozen record that is not of the type that its class declares,
+    or a number of it that is not finite, or, of one alone, negative unless `signed`, 0 if
+    `positive`, or not between 0 and 1 if of `chances`.
+
+    A `float` may be given as any real number that is no truth value, and becomes a `float`.
+    """
+    hints = _declared_types(type(record))
     for field in fields(record):
-        value = getattr(record, field.name)
-        if not isinstance(value, float):
-            continue
-        is_in_bounds = (
-            field.name in signed or value > 0.0 or (value == 0.0 and field.name not in positive)
-        )
-        if not np.isfinite(value) or not is_in_bounds:
-            if field.name in signed:
-                bound = ""
-            elif field.name in positive:
-                bound = ", positive"
-            else:
-                bound = ", zero or more"
-            raise ValueError(f"{field.name} is {value}, expected a finite number{bound}")
-
-
-def require_probability(name: str, value: float) -> None:
-    """ValueError naming a chance that is not between 0 and 1."""
-    if not 0.0 < value < 1.0:
-        raise ValueError(f"{name} is {value}, expected a number between 0 and 1")
+        name = field.name
+        given = getattr(record, name)
+        hint = hints.get(name, type(given))
+        bound = ""
+        if name in chances:
+            bound = " between 0 and 1"
+        elif hint is float and name not in signed:
+            bound = ", positive" if name in positive else ", zero or more"
+        try:
+            value = _as_declared(given, hint)
+        except _UnexpectedError as error:
+            raise LaisnError(f"{name} is {given!r:.80}, expected {error}{bound}") from None
+        is_low = bound and (value < 0.0 or (value == 0.0 and name in {*positive, *chances}))
+        is_high = name in chances and value >= 1.0
+        if is_low or is_high or not all(map(math.isfinite, _numbers_in(value))):
+            raise LaisnError(f"{name} is {given}, expected a finite number{bound}")
+        if value is not given:
+            object.__setattr__(record, name, value)
 
 
 def _is_read_only(array: npt.NDArray[Any]) -> bool:

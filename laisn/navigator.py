@@ -227,7 +227,7 @@ class Navigator(OnlineNavigator[Estimates]):
     """
 
     def __init__(self, settings: NavigationSettings, start: Floats) -> None:
-        """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); ValueError if they are
+        """Start at the hydrophone's x, y [m], vx, vy [m/s], shape (4,); LaisnError if they are
         not finite.
         """
         super().__init__(settings, start, settings.position_sigma0)

@@ -109,7 +109,7 @@ class NavigatorSpec:
         return resolve_name(self.factory) if isinstance(self.factory, str) else self.factory
 
     def make(self, settings: Settings, start: Floats) -> Any:
-        """The navigator of one follower at its start [x, y, vx, vy]; ValueError if that is not
+        """The navigator of one follower at its start [x, y, vx, vy]; LaisnError if that is not
         four finite numbers.
         """
         if isinstance(self.factory, str):
@@ -332,6 +332,14 @@ def _require_valid_reception(step: int, reception: Reception, whole_messages: bo
         )
 
 
+def _as_numbers(values: object) -> Floats:
+    """A copy as an array of numbers; of anything else an empty one."""
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.empty(0)
+
+
 Result = TypeVar("Result", bound=Estimates)
 
 
@@ -356,9 +364,9 @@ class OnlineNavigator(ABC, Generic[Result]):
         self._covariance = np.full((4, 4), np.nan)
         self._start: tuple[float, float] | None = None
         if start is not None:
-            self._state = np.array(start, dtype=np.float64)
+            self._state = _as_numbers(start)
             if self._state.shape != (4,) or not np.all(np.isfinite(self._state)):
-                raise ValueError(f"start is {start}, expected four finite numbers x, y, vx, vy")
+                raise LaisnError(f"start is {start}, expected four finite numbers x, y, vx, vy")
             self._covariance = np.diag(np.repeat([start_sigma**2, 0.0], 2))
             self._start = float(start[0]), float(start[1])
 
@@ -486,10 +494,7 @@ class _CustomSteps:
 def _numbers_in(navigator: object, name: str, shape: tuple[int, ...]) -> Floats:
     """An attribute of a navigator of the user's own; LaisnError if it has not this shape."""
     value = getattr(navigator, name, None)
-    try:
-        numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.empty(0)
+    numbers = _as_numbers(value)
     if numbers.shape != shape:
         raise LaisnError(
             f"navigator {type(navigator).__name__}: its `{name}` is {value!r:.60}; expected "

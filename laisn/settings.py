@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 import numpy as np
 
-from laisn.arrays import Offset, require_numbers, require_probability
+from laisn.arrays import Offset, require_numbers
 from laisn.errors import LaisnError
 
 Variant = Literal["laisn-2", "laisn-3-1", "laisn-3-2", "laisn-best", "laisn-main"]
@@ -39,7 +39,7 @@ def setting(default: Any, unit: str, description: str) -> Any:
 class Settings:
     """What every navigator is given; the settings of a navigator derive from it.
 
-    Raises ValueError naming the field if a value is out of its range.
+    Raises LaisnError naming the field if a value is out of its range or not of its type.
     """
 
     POSITIVE: ClassVar[frozenset[str]] = frozenset({"dt", "baseline"})
@@ -107,7 +107,9 @@ class Settings:
         return frozenset()
 
     def __post_init__(self) -> None:
-        require_numbers(self, positive=self.POSITIVE, signed=self.SIGNED)
+        require_numbers(
+            self, positive=self.POSITIVE, signed=self.SIGNED, chances={"outlier_probability"}
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,18 +171,6 @@ class NavigationSettings(Settings):
         (Sections 2.2, 2.3).
         """
         return transmitters_of(self.variant)
-
-    def __post_init__(self) -> None:
-        choices = {
-            "variant": LAISN_VARIANTS,
-            "gate": get_args(GateRule),
-            "side_rule": get_args(SideRule),
-        }
-        for name, allowed in choices.items():
-            value = getattr(self, name)
-            if value not in allowed:
-                raise ValueError(f"{name} is {value!r}; available: {', '.join(allowed)}")
-        super().__post_init__()
 
 
 GATES: tuple[GateRule, ...] = get_args(GateRule)
@@ -272,6 +262,9 @@ class Assume:
         "",
         "Estimate the speed through the water, which is steady but in manoeuvres",
     )
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -374,15 +367,14 @@ class TightSettings(Settings):
         return frozenset(name for name, is_state in states.items() if is_state)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.transmitters not in (2, 3):
-            raise ValueError(f"transmitters is {self.transmitters}, expected 2 or 3")
+            raise LaisnError(f"transmitters is {self.transmitters}, expected 2 or 3")
         if self.transmitter_offsets and len(self.transmitter_offsets) < self.transmitters:
-            raise ValueError(
+            raise LaisnError(
                 f"transmitter_offsets has {len(self.transmitter_offsets)} places, expected one for "
                 f"each of {self.transmitters} transmitters"
             )
-        require_probability("outlier_probability", self.outlier_probability)
-        super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -414,13 +406,13 @@ class RivalSettings(TightSettings):
         return super().estimated & {"current"}
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.known_start:
             raise LaisnError(
                 "known_start is false, which only the tightly coupled navigator can begin with"
             )
         if not 10 <= self.particles <= 1_000_000:
             raise LaisnError(f"particles is {self.particles}, expected 10 to 1000000")
-        super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -514,10 +506,6 @@ class BeaconSettings(Settings):
         "Width of the span in which wrong ranges lie; the same for all `MEDIA`, so that their "
         "evidence compares",
     )
-
-    def __post_init__(self) -> None:
-        require_probability("outlier_probability", self.outlier_probability)
-        super().__post_init__()
 
 
 @dataclass(frozen=True, kw_only=True)

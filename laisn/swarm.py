@@ -183,6 +183,14 @@ def _navigate(swarm, step, readings, received, messages, ranges, estimates, reco
     )
 
 
+def write_start(estimates: Records, starts: Floats, settings: Settings) -> None:
+    """Write what navigators conclude before their first step, records of ESTIMATE, from their
+    starts, shape (f, 4): no position unless the start is known.
+    """
+    estimates.position = starts[:, :2] if settings.known_start else np.nan
+    estimates.velocity = starts[:, 2:] if settings.known_start else 0.0
+
+
 def reception_of(
     message: Record,
     ranges: Floats,

@@ -30,6 +30,7 @@ from laisn.swarm import (
     SwarmFactory,
     SwarmRecord,
     reception_of,
+    write_start,
 )
 from sim.assembly import routes_of
 from sim.attitude import body_point_in_world
@@ -808,9 +809,7 @@ def _navigator_groups(
             estimates=spec.estimates,
             record=record,
         )
-        state.estimates.position[group.rows] = (
-            starts[group.rows, :2] if choice.settings.known_start else np.nan
-        )
+        write_start(state.estimates[group.rows], starts[group.rows], choice.settings)
         groups.append(group)
     return groups
 

@@ -15,7 +15,7 @@ from laisn.errors import LaisnError
 from laisn.estimates import Estimates
 from laisn.messages import Reception
 from laisn.navigators import find
-from laisn.swarm import ESTIMATE, READING, SeparateNavigators, SwarmRecord
+from laisn.swarm import ESTIMATE, READING, SeparateNavigators, SwarmRecord, write_start
 from sim.control import follower as steering
 from sim.custom_control import CustomControl, readings_of
 from sim.custom_sensing import Carrier, CustomSensing
@@ -144,7 +144,7 @@ class LeaderUnit:
             settings = settings_of(sensing, navigation, sites, "leader")
             spec = find(navigation.variant)
             self.swarm = SeparateNavigators(spec.make, settings, start[None])
-            self.estimate.position[0] = start[:2] if settings.known_start else np.nan
+            write_start(self.estimate, start[None], settings)
             self._estimates_current = "current" in settings.estimated
         # states and covariances of the navigator at filter steps
         self.concluded = SwarmRecord.empty(1, steps, 0, Estimates, whole=False)

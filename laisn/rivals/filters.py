@@ -114,7 +114,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
     MOVES_TRANSMITTERS: ClassVar[bool] = True
 
     def __init__(self, settings: TightSettings, start: Floats) -> None:
-        """Begin at a known state; ValueError if the start is not four finite numbers."""
+        """Begin at a known state; LaisnError if the start is not four finite numbers."""
         super().__init__(settings, start, settings.start_sigma)
         biases = (
             settings.speed_bias_sigma,

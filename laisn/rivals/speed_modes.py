@@ -170,7 +170,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
     """
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
-        """Begin at a known place; ValueError if the start is not four finite numbers."""
+        """Begin at a known place; LaisnError if the start is not four finite numbers."""
         super().__init__(settings, start, settings.start_sigma)
         current = settings.current_sigma if settings.assume.current else 0.0
         sigmas = [

@@ -179,7 +179,7 @@ class TightNavigator(OnlineNavigator[TightEstimates]):
     def __init__(self, settings: TightSettings, start: Floats | None) -> None:
         """Start at the hydrophone's x, y [m] and velocity [m/s] at step 0, shape (4,). None, or
         `known_start` False: anywhere; estimates are NaN until the first message with two ranges.
-        ValueError: it is not four finite numbers.
+        LaisnError: it is not four finite numbers.
         """
         super().__init__(settings, start if settings.known_start else None, settings.start_sigma)
         model = model_of(settings)
@@ -393,7 +393,7 @@ class SmoothingNavigator(TightNavigator):
                 "inputs"
             )
         if not 0.0 <= lag < np.inf:
-            raise ValueError(f"lag is {lag} s, expected a finite time, zero or more")
+            raise LaisnError(f"lag is {lag} s, expected a finite time, zero or more")
         super().__init__(settings, start)
         self._lag = lag
         # of each step so far: the belief's motion since the last message that was used, and the

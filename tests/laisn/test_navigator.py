@@ -306,7 +306,7 @@ def test_bad_input_is_refused() -> None:
     measurements, _, start = mission(20)
     with pytest.raises(ValueError, match=r"every 0\.1 s, but the filter steps 1 s"):
         Navigator(NavigationSettings(dt=1.0), start).run(measurements)
-    with pytest.raises(ValueError, match="variant is 'laisn-4'; available: laisn-2"):
+    with pytest.raises(ValueError, match="variant is 'laisn-4', expected one of laisn-2"):
         NavigationSettings(variant="laisn-4")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="baseline is -1"):
         NavigationSettings(baseline=-1.0)

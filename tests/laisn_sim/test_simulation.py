@@ -88,6 +88,52 @@ def test_a_flight_until_now_is_the_beginning_of_the_whole_one() -> None:
     assert (beginning.estimates[0].fix_step <= 120).all()
 
 
+FIRST_BELIEFS: list[Any] = []
+
+
+class FirstBelief:
+    """A controller that remembers what it is given first."""
+
+    def __init__(self, vehicle: Any) -> None:
+        self.is_first = True
+
+    def control(self, readings: Any, belief: Any, dt: float) -> tuple[float, float, float]:
+        """Straight on."""
+        if self.is_first:
+            FIRST_BELIEFS.append(belief)
+        self.is_first = False
+        return 0.5, 0.7, 8.0
+
+
+@pytest.mark.parametrize("variant", ["laisn-2", "tight", "ekf", "dead-reckoning", "particle"])
+def test_navigators_begin_with_the_velocity_of_their_start(variant: str) -> None:
+    """Before the first step an estimate is the known start, of which velocity is a part: that of
+    the hull, which does not turn yet.
+    """
+    FIRST_BELIEFS.clear()
+    changes = {
+        "duration_s": 4,
+        "navigation.variant": variant,
+        "leader.navigation.variant": "dead-reckoning",
+        "timing.filter_step_s": 0.5,
+        "followers.0.controller": register(FirstBelief),
+    }
+    sim = Simulation("T5", changes)
+    sim.step(0.1)
+    for name in ("leader", "follower"):
+        sim.reset()
+        truth = sim.truth[name]
+        start = sim.estimates[name]
+        assert np.hypot(*truth.velocity[:2]) > 0.5
+        assert (start.east_velocity, start.north_velocity) == pytest.approx(truth.velocity[:2])
+        sim.step(0.1)
+        moved = sim.estimates[name]
+        way = (moved.east - start.east, moved.north - start.north)
+        assert way == pytest.approx(0.1 * truth.velocity[:2])
+    first = FIRST_BELIEFS[0]
+    assert (first.east_velocity, first.north_velocity) == pytest.approx(truth.velocity[:2])
+
+
 def test_truth_readings_and_estimates_of_each_step_are_those_of_the_flight() -> None:
     sim = Simulation(CLOSED_LOOP)
     names = ("port", "astern")
