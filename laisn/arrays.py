@@ -174,7 +174,7 @@ class _UnexpectedError(Exception):
 _BOOLS = (bool, np.bool_)
 
 
-def _number(value: Any, kind: type[numbers.Number], name: str) -> Any:
+def _number(value: Any, kind: Any, name: str) -> Any:
     if isinstance(value, _BOOLS) or not isinstance(value, kind):
         raise _UnexpectedError(name)
     return value

@@ -20,7 +20,7 @@ from laisn.arrays import Bools, Floats
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord, TightEstimates
 from laisn.messages import Measurements, OwnMotion, Reception
-from laisn.plugins import calling, find_class, is_loaded, is_plugin_name
+from laisn.plugins import calling, class_and_file, find_class, is_loaded, is_plugin_name
 from laisn.settings import (
     LAISN_VARIANTS,
     NavigationSettings,
@@ -464,7 +464,7 @@ def _require_finite(navigator: object, state: Floats, known_start: bool, times: 
     lost = first + np.flatnonzero(~finite[first:])
     if lost.size:
         raise LaisnError(
-            f"navigator {type(navigator).__name__}: its estimate at {times[lost[0]]:g} s is "
+            f"navigator {class_and_file(navigator)}: its estimate at {times[lost[0]]:g} s is "
             f"{state[lost[0]].tolist()}; expected finite x, y, vx, vy"
         )
 
@@ -481,14 +481,33 @@ class _CustomSteps:
         """Advance by a step of `dt` [s]; the state after it, shape (4,). LaisnError if the
         navigator has none, or it is not finite once there was an estimate.
         """
-        kind = type(self._navigator).__name__
         self._time += dt
-        with calling(f"navigator {kind}: step"):
+        with calling(f"navigator {class_and_file(self._navigator)}: step"):
             self._navigator.step(own, reception, dt)
         state = _numbers_in(self._navigator, "state", (4,))
         self._has_estimate = self._has_estimate or bool(np.isfinite(state).all())
         _require_finite(self._navigator, state[None], self._has_estimate, np.array([self._time]))
+        self._require_biases()
         return state
+
+    def _require_biases(self) -> None:
+        """LaisnError if the navigator has an attribute `biases` that is not two finite numbers."""
+        if not hasattr(self._navigator, "biases"):
+            return
+        biases = _numbers_in(self._navigator, "biases", (2,))
+        if not np.isfinite(biases).all():
+            raise LaisnError(
+                f"navigator {class_and_file(self._navigator)}: its `biases` at {self._time:g} s "
+                f"are {biases.tolist()}; expected finite numbers, of log [m/s] and compass [rad]"
+            )
+
+
+_MEANINGS = {
+    "state": "x, y [m], vx, vy [m/s]",
+    "covariance": "that of the state x, y, vx, vy",
+    "biases": "of log [m/s] and compass [rad]",
+}
+"""Attributes of navigators of the user's own."""
 
 
 def _numbers_in(navigator: object, name: str, shape: tuple[int, ...]) -> Floats:
@@ -497,8 +516,8 @@ def _numbers_in(navigator: object, name: str, shape: tuple[int, ...]) -> Floats:
     numbers = _as_numbers(value)
     if numbers.shape != shape:
         raise LaisnError(
-            f"navigator {type(navigator).__name__}: its `{name}` is {value!r:.60}; expected "
-            f"numbers of shape {shape}: state x, y, vx, vy, and covariance of them"
+            f"navigator {class_and_file(navigator)}: its `{name}` is {value!r:.60}; expected "
+            f"numbers of shape {shape}: {_MEANINGS[name]}"
         )
     return numbers
 
@@ -526,7 +545,7 @@ class CustomNavigator:
         """Its estimates of a mission; LaisnError if they are of another kind, of another number
         of steps, or not finite.
         """
-        kind = type(self._navigator).__name__
+        kind = class_and_file(self._navigator)
         with calling(f"navigator {kind}: run"):
             estimates = self._navigator.run(measurements)
         if not isinstance(estimates, Estimates):

@@ -320,6 +320,15 @@ def find_controller(name: str) -> Any:
     return controller
 
 
+def class_and_file(made: object) -> str:
+    """What messages call a class, or that of an object: `Class (mine.py)`, with its file if it is
+    the user's own.
+    """
+    kind = made if isinstance(made, type) else type(made)
+    file = getattr(sys.modules.get(kind.__module__), "__file__", None)
+    return f"{kind.__name__} ({Path(file).name})" if file and is_custom(file) else kind.__name__
+
+
 def _custom_frames(error: BaseException, sources: set[str]) -> list[traceback.FrameSummary]:
     """Calls of the user's own code that led to an exception; none if none is in these sources."""
     frames = traceback.extract_tb(error.__traceback__)

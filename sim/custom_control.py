@@ -11,7 +11,7 @@ import numpy as np
 from laisn.arrays import Floats, Record, records
 from laisn.errors import LaisnError
 from laisn.messages import Reception
-from laisn.plugins import calling, find_controller
+from laisn.plugins import calling, class_and_file, find_controller
 from sim.control import follower as steering
 from sim.control.autopilot import HullMotion, apply_wrench, control
 from sim.control.guidance import REFERENCE, limit_command, start_guidance
@@ -178,7 +178,7 @@ class CustomControl:
         """
         estimate = senses.estimate
         controller = self._controllers[i]
-        kind = type(controller).__name__
+        kind = class_and_file(controller)
         with calling(f"controller {kind}: control"):
             answer = controller.control(readings, belief_of(estimate), CONTROL_STEP_S)
         origin = f" (class {kind}, at {readings.time:g} s)"

@@ -101,7 +101,7 @@ class CustomSensing:
         for driver in self._drivers:
             true = driver.true(state, self._environment, step)
             draws = driver.draws(*self._seed_and_run, carrier.noise_number, np.array([step]))
-            reading: Floats = driver.read(true, draws)[0]
+            reading: Floats = driver.read(true, draws, step)[0]
             if driver.acoustic and not is_heard:
                 reading[:] = np.nan
             readings[driver.name] = reading

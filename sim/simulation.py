@@ -16,9 +16,11 @@ from numba import types
 from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Records, records
+from laisn.compile_errors import compiling_own
 from laisn.compiled import compiled, copy_rows, copy_values, jitable
 from laisn.errors import LaisnError
 from laisn.held import Held, held_values, refuse_copy
+from laisn.plugins import PluginError, class_and_file
 from sim import attitude
 from sim.assembly import routes_of, setups_of
 from sim.attitude import Pose, Twist, Vector
@@ -380,8 +382,9 @@ class Mission:
         """Fly, control and record until an instant; nothing from outside is looked at meanwhile,
         not even Ctrl-C.
 
-        DivergedError if the simulation left finite numbers, PlantError if at its start;
-        ArithmeticError naming the follower whose navigator failed.
+        DivergedError if the simulation left finite numbers, PlantError if at its start, PluginError
+        if by a controller or an effector of the user's own; ArithmeticError naming the follower
+        whose navigator failed.
         """
         plant = self.plant
         plant.set_clock()
@@ -389,7 +392,8 @@ class Mission:
         if self._held is None:
             k, fault = _simulate(self.instants, end, self._loop)
         else:
-            k, fault = _simulate_held(self.instants, end, self._held)
+            with compiling_own(f"controller {class_and_file(self.controller)}"):
+                k, fault = _simulate_held(self.instants, end, self._held)
         plant.ocean.raise_custom_error()
         if fault[0] == NAVIGATION_FAILED:
             raise ArithmeticError(
@@ -400,12 +404,23 @@ class Mission:
             plant.finish_step(fault)
         except PlantError as error:
             text = str(error)
-            if not np.isfinite(self.routes.command).all():
-                cause = f"controller {type(self.controller).__name__} commanded no finite numbers"
-                text = f"{cause} at {k * TICK:g} s; {text}"
+            self._require_finite_command(k, text)
             if k < 1:
                 raise PlantError(text) from error
             raise DivergedError(text, self.trajectory()) from error
+
+    def _require_finite_command(self, k: int, consequence: str) -> None:
+        """PluginError if the controller is the user's own and has commanded no finite numbers,
+        which is no way in which a mission ends.
+        """
+        lost = np.flatnonzero(~np.isfinite(self.routes.command).all(axis=1))
+        if not lost.size or type(self.controller).__module__.partition(".")[0] == "sim":
+            return
+        vehicle, command = self.plant.names[lost[0]], self.routes.command[lost[0]].tolist()
+        raise PluginError(
+            f"controller {class_and_file(self.controller)} commanded {vehicle} {command} at "
+            f"{k * TICK:g} s; expected finite numbers; {consequence}"
+        )
 
     def advance_within(
         self, last: int, *, until_contact: bool = False, bounds: MissionBounds | None = None

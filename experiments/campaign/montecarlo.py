@@ -29,6 +29,7 @@ from laisn.estimates import FixKind
 from laisn.lanes import LANES
 from laisn.messages import Measurements
 from laisn.navigators import MissionResult, NavigatorSpec, find, spec_of
+from laisn.plugins import calling, class_and_file
 from laisn.settings import NavigationSettings, Settings
 from sim.flight import navigation_settings
 from sim.scenario.parts import MotionSettings, SensingSettings
@@ -344,6 +345,61 @@ def _summed(cell: Cell, blocks: Iterator[_Block]) -> CellResult:
     return CellResult(errors | percentiles | others, runs)
 
 
+_STATED = 6  # columns of messages that the leader states always
+
+
+def _first_unreadable(changed: Measurements, given: Measurements) -> str:
+    """Name, value and time of a number that no sensor reads: one that is infinite, or NaN where no
+    reading can be missing; "" if there is none.
+    """
+    time = changed.time
+    received: Floats = time[changed.message_step - 1]
+    messages_may_lack = bool(np.isnan(given.message[:, :_STATED]).any())
+    numbers = [
+        ("speed", changed.speed, time, False),
+        ("heading", changed.heading, time, False),
+        ("depth", changed.depth, time, True),
+        ("message", changed.message[:, :_STATED], received, messages_may_lack),
+        ("message", changed.message[:, _STATED:], received, True),
+        ("ranges", changed.ranges, received, True),
+        *((f"custom[{name!r}]", rows, time, True) for name, rows in changed.custom.items()),
+    ]
+    for name, link in changed.links.items():
+        link_times: Floats = time[link.message_step - 1]
+        numbers.append((f"links[{name!r}].message", link.message, link_times, True))
+        numbers.append((f"links[{name!r}].ranges", link.ranges, link_times, True))
+    for name, values, times, may_lack in numbers:
+        bad = np.isinf(values) if may_lack else ~np.isfinite(values)
+        if bad.any():
+            first = np.argwhere(bad)[0]
+            return f"{name} = {values[tuple(first)]} at {times[first[0]]:g} s"
+    return ""
+
+
+def _disturbed(cell: Cell, measurements: Measurements, run: int) -> Measurements:
+    """What the disturbance of a cell makes of the measurements of a run; LaisnError if it gives
+    none, for another number of steps, or numbers that no sensor reads.
+    """
+    disturbance: Any = cell.disturbance
+    where = f"disturbance {class_and_file(disturbance)}"
+    with calling(f"{where}: disturb"):
+        changed = disturbance.disturb(measurements, cell.seed, run)
+    gave = f"{where}, {disturbance!r:.100}: `disturb` gave"
+    in_run = f"in run {run}"
+    if not isinstance(changed, Measurements):
+        raise LaisnError(
+            f"{gave} {changed!r:.60} {in_run}; expected changed laisn.messages.Measurements"
+        )
+    if changed.speed.size != measurements.speed.size:
+        raise LaisnError(
+            f"{gave} {changed.speed.size} steps {in_run}; expected {measurements.speed.size}"
+        )
+    problem = _first_unreadable(changed, measurements)
+    if problem:
+        raise LaisnError(f"{gave} {problem} {in_run}; expected finite numbers, or NaN for no range")
+    return changed
+
+
 def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
     """Measurements of some runs; LaisnError if a disturbance changes the steps of messages for
     lanes.
@@ -360,9 +416,8 @@ def _measured(cell: Cell, runs: Sequence[int]) -> list[Measurements]:
         for run in runs
     ]
     if cell.disturbance is not None:
-        disturb = cell.disturbance.disturb
         measured = [
-            disturb(measurements, seed, run)
+            _disturbed(cell, measurements, run)
             for measurements, run in zip(measured, runs, strict=True)
         ]
     if cell.spec.lanes and any(

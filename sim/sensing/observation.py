@@ -1118,7 +1118,7 @@ def measure(
     custom = {}
     for driver, values in truth.custom:
         draws = driver.draws(seed, run, follower, np.arange(1, n + 1))
-        custom_readings = driver.read(values, draws)
+        custom_readings = driver.read(values, draws, 1)
         if driver.acoustic:
             custom_readings[lost_rows] = np.nan
         custom[driver.name] = custom_readings

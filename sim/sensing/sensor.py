@@ -21,7 +21,7 @@ import numpy as np
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.messages import Channel, SensorHeader
-from laisn.plugins import calling
+from laisn.plugins import calling, class_and_file
 from sim.attitude import Vector, body_point_in_world, heading_pitch_roll, rotated
 from sim.sensing import noise
 from sim.trajectory import speed_through_water
@@ -136,22 +136,27 @@ class Sensor:
         raise NotImplementedError
 
 
+def _is_of(value: Any, kind: Any) -> bool:
+    """Whether a value is a number of a kind, and no truth value."""
+    return isinstance(value, kind) and not isinstance(value, bool)
+
+
 def header_of(sensor: Any) -> SensorHeader:
     """Channels and rate of a sensor by its declaration; LaisnError naming what is wrong in it."""
-    kind = type(sensor).__name__
+    kind = class_and_file(sensor)
     missing = [name for name in _REQUIRED if not hasattr(sensor, name)]
     if missing:
-        raise LaisnError(f"sensor {type(sensor).__module__}:{kind} has no {', '.join(missing)}")
+        raise LaisnError(f"sensor {kind} has no {', '.join(missing)}")
     declared = getattr(sensor, "channels", Sensor.channels)
     if not isinstance(declared, Mapping):
         raise LaisnError(
             f"sensor {kind}: `channels` is {declared!r:.60}; expected names and their units, as in "
             '{"altitude": "m"}'
         )
-    name = str(sensor.name)
-    if not name or not _NAME_LETTERS.issuperset(name):
+    name = sensor.name
+    if not isinstance(name, str) or not name or not _NAME_LETTERS.issuperset(name):
         raise LaisnError(
-            f"sensor {kind}: name = {name!r}; expected letters, digits, '_' and '-' alone"
+            f"sensor {kind}: name = {name!r:.60}; expected letters, digits, '_' and '-' alone"
         )
     wrong = [channel for channel in map(str, declared) if not _IDENTIFIER.fullmatch(channel)]
     if wrong:
@@ -160,8 +165,17 @@ def header_of(sensor: Any) -> SensorHeader:
             "letter"
         )
     period = getattr(sensor, "period", Sensor.period)
-    if not isinstance(period, int | float) or not 0.0 <= period < math.inf:
-        raise LaisnError(f"sensor {kind}: `period` is {period!r}; expected seconds, 0 or more")
+    if not _is_of(period, int | float) or not 0.0 <= period < math.inf:
+        raise LaisnError(f"sensor {kind}: `period` is {period!r:.60}; expected seconds, 0 or more")
+    normals = getattr(sensor, "normals", Sensor.normals)
+    if not _is_of(normals, int) or normals < 0:
+        raise LaisnError(
+            f"sensor {kind}: `normals` is {normals!r:.60}; expected how many normals a reading "
+            "takes, a whole number, 0 or more"
+        )
+    acoustic = getattr(sensor, "acoustic", Sensor.acoustic)
+    if not isinstance(acoustic, bool):
+        raise LaisnError(f"sensor {kind}: `acoustic` is {acoustic!r:.60}; expected True or False")
     channels = tuple(Channel(str(name), str(unit)) for name, unit in declared.items())
     return SensorHeader(channels=channels, period=float(period))
 
@@ -222,7 +236,8 @@ class SensorDriver:
 
     @cached_property
     def _normals(self) -> int:
-        return int(getattr(self.sensor, "normals", Sensor.normals))
+        normals: int = getattr(self.sensor, "normals", Sensor.normals)
+        return normals
 
     @cached_property
     def _by_rows(self) -> bool:
@@ -233,8 +248,12 @@ class SensorDriver:
             return False
         return len(parameters) == 1
 
-    def _numbers(self, values: Any, method: str, rows: tuple[int, ...] = ()) -> Floats:
-        """What a method gave as an array; LaisnError if it is none of the expected shape."""
+    def _numbers(
+        self, values: Any, method: str, times: Floats, rows: tuple[int, ...] = ()
+    ) -> Floats:
+        """What a method gave as an array, for instants [s]; LaisnError if it is none of the
+        expected shape, or a number of it is infinite.
+        """
         expected = "a number for each of its channels"
         if rows:
             expected = f"numbers, a row for each of {rows[0]} filter steps"
@@ -242,14 +261,20 @@ class SensorDriver:
             numbers: Floats = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
             numbers = np.empty(0)
+        names = ", ".join(channel.name for channel in self.header.channels)
+        names_text = f" ({names})" if names else ""
+        gave = f"sensor {class_and_file(self.sensor)}: `{method}` gave"
         channels = len(self.header.channels)
         wrong = numbers.shape[: len(rows)] != rows or numbers.ndim < 1
         if wrong or (channels and numbers.shape[len(rows) :] != (channels,)):
-            names = ", ".join(channel.name for channel in self.header.channels)
-            names_text = f" ({names})" if names else ""
+            raise LaisnError(f"{gave} {values!r:.60}; expected {expected}{names_text}")
+        by_instant = numbers.reshape(len(times), -1)
+        infinite = np.flatnonzero(np.isinf(by_instant).any(axis=1))
+        if infinite.size:
+            row = by_instant[infinite[0]].tolist()
             raise LaisnError(
-                f"sensor {self.kind}: `{method}` gave {values!r:.60}; expected {expected}"
-                f"{names_text}"
+                f"{gave} {row!r:.60} at {times[infinite[0]]:g} s; expected {expected}{names_text}, "
+                "finite, or NaN for no reading"
             )
         return numbers
 
@@ -279,31 +304,33 @@ class SensorDriver:
         where it does not read.
         """
         n = len(states.time)
-        with calling(f"sensor {self.kind}: true"):
+        with calling(f"sensor {class_and_file(self.sensor)}: true"):
             if self._by_rows:
-                rows = self._numbers(self.sensor.true(states), "true", (n,))
+                rows = self._numbers(self.sensor.true(states), "true", states.time, (n,))
                 rows[[i for i in range(n) if not self.is_due(first + i)]] = np.nan
                 return rows
             values: dict[int, Floats] = {}
             for i in self._due(states, first):
                 result = self.sensor.true(states.at(i), environment)
-                values[i] = self._numbers(result, "true")
+                values[i] = self._numbers(result, "true", states.time[i : i + 1])
         true = np.full((n, len(self.header.channels)), np.nan)
         for i, row in values.items():
             true[i] = row
         return true
 
-    def read(self, true: Floats, draws: Floats) -> Floats:
-        """Readings of true values, shape (n, c), by draws, shape (n, normals); NaN where there is
-        no true value.
+    def read(self, true: Floats, draws: Floats, first: int) -> Floats:
+        """Readings of true values, shape (n, c), by draws, shape (n, normals), at filter steps, the
+        first of which has this number; NaN where there is no true value.
         """
-        with calling(f"sensor {self.kind}: read"):
+        times: Floats = self.dt * np.arange(first, first + len(draws), dtype=np.float64)
+        with calling(f"sensor {class_and_file(self.sensor)}: read"):
             if self._by_rows:
                 result = self.sensor.read(true, draws)
-                return self._numbers(result, "read", (len(draws),))
+                return self._numbers(result, "read", times, (len(draws),))
             readings = np.full(true.shape, np.nan)
             for i in np.flatnonzero(~np.isnan(true).all(axis=1)).tolist():
-                readings[i] = self._numbers(self.sensor.read(true[i], draws[i]), "read")
+                result = self.sensor.read(true[i], draws[i])
+                readings[i] = self._numbers(result, "read", times[i : i + 1])
         return readings
 
 

@@ -744,14 +744,16 @@ SHIPPED: dict[str, type[Sensor]] = {
 """Sensors of this project that a scenario may list, by their names there."""
 
 
-def _made_sensor(table: Any) -> Any:
-    """The sensor of a table; LaisnError if there is no such class, or it has no such key."""
+def _made_sensor(table: Any, where: str) -> Any:
+    """The sensor of a table, by its key; LaisnError if there is no such class, or it has no such
+    key.
+    """
     sensor_class = SHIPPED.get(table.sensor) or find_class("sensor", table.sensor)
-    keys = class_arguments(sensor_class, table.sensor, table.model_extra or {}, "sensors.custom")
+    keys = class_arguments(sensor_class, table.sensor, table.model_extra or {}, where)
     try:
         return sensor_class(**keys)
     except TypeError as error:
-        raise LaisnError(f"sensors.custom: {table.sensor}: {error}") from None
+        raise LaisnError(f"{where}: {table.sensor}: {error}") from None
 
 
 def custom_sensors(sensing: SensingSettings, follower: int) -> tuple[SensorDriver, ...]:
@@ -760,13 +762,16 @@ def custom_sensors(sensing: SensingSettings, follower: int) -> tuple[SensorDrive
     have one name or one stream of noise.
     """
     tables = sensing.sensors_of(follower).custom
-    return _drivers(tables, sensing.needed_sensor, sensing.links.filter_step_s)
+    has_own = sensing.of_vehicles[follower + 1].custom is not None
+    where = f"followers[{follower}].sensors.custom" if has_own else "sensors.custom"
+    return _drivers(tables, where, sensing.needed_sensor, sensing.links.filter_step_s)
 
 
 def leader_custom_sensors(sensing: SensingSettings) -> tuple[SensorDriver, ...]:
     """Further sensors of the leader; errors are as of `custom_sensors`."""
     tables = sensing.sensors_of_leader().custom
-    return _drivers(tables, sensing.needed_by_leader, sensing.links.filter_step_s)
+    where = "leader.sensors.custom"
+    return _drivers(tables, where, sensing.needed_by_leader, sensing.links.filter_step_s)
 
 
 def sensors_of_all(sensing_of: Sequence[SensingSettings]) -> tuple[SensorDriver, ...]:
@@ -789,11 +794,19 @@ def sensors_of_all(sensing_of: Sequence[SensingSettings]) -> tuple[SensorDriver,
     return tuple(distinct.values())
 
 
-def _drivers(tables: Sequence[Any], required_name: str, dt: float) -> tuple[SensorDriver, ...]:
-    """Drivers of the sensors of tables, after the one that a navigator needs."""
-    drivers = [SensorDriver(sensor=_made_sensor(table), dt=dt) for table in tables]
+def _drivers(
+    tables: Sequence[Any], where: str, required_name: str, dt: float
+) -> tuple[SensorDriver, ...]:
+    """Drivers of the sensors of tables, a list of this key, after the one that a navigator
+    needs.
+    """
+    drivers = [
+        SensorDriver(sensor=_made_sensor(table, f"{where}[{i}]"), dt=dt)
+        for i, table in enumerate(tables)
+    ]
     if required_name and all(table.sensor != required_name for table in tables):
-        driver = SensorDriver(sensor=_made_sensor(CustomSensorTable(sensor=required_name)), dt=dt)
+        table = CustomSensorTable(sensor=required_name)
+        driver = SensorDriver(sensor=_made_sensor(table, where), dt=dt)
         # a user's sensor of the same name takes its place
         if all(other.name != driver.name for other in drivers):
             drivers.insert(0, driver)

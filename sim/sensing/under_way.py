@@ -230,7 +230,7 @@ class FollowerSensing:
         for driver in self._drivers:
             true = driver.true(states, self._environment, int(steps[0]))
             draws = driver.draws(int(self._address.seed), int(self._address.run), f, steps)
-            readings = driver.read(true, draws)
+            readings = driver.read(true, draws, int(steps[0]))
             if driver.acoustic:
                 readings[lost_rows] = np.nan
             self._store(driver, steps, readings)

@@ -10,7 +10,7 @@ A record holds the number of its kind. Compiled code gets the kinds as a tuple, 
 their classes, and calls a method of the kind with this number (`calls_method`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, cast
@@ -19,13 +19,13 @@ import mujoco
 import numba
 import numpy as np
 import numpy.typing as npt
-from numba.core.errors import NumbaError
 from numba.extending import overload
 
 from laisn.arrays import Floats
+from laisn.compile_errors import compiling_own
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
-from laisn.plugins import find_class, is_plugin_name
+from laisn.plugins import class_and_file, find_class, is_plugin_name
 from sim import attitude
 from sim.attitude import Vector, plus
 from sim.vehicle.effector_kinds import (
@@ -98,26 +98,64 @@ def _kind_named(suffix: str, where: str) -> EffectorKind:
     return kind
 
 
+class _Answer(NamedTuple):
+    """What a method of a kind returns."""
+
+    shape: tuple[int, ...]
+    meaning: str
+
+
+_ANSWERS = {
+    "load": _Answer((2, 3), "force [N] and moment [N m] in the body, three numbers each"),
+    "respond": _Answer((), "the state after the step, a number"),
+    "force_limits": _Answer((2,), "the least and the largest force [N]"),
+    "state_for": _Answer((), "a state, a number"),
+}
+
+
 def _require_compilable(kind: EffectorKind, name: str) -> None:
-    """LaisnError with the reason if the methods of a kind of the user's own do not compile."""
+    """LaisnError with the reason if the methods of a kind of the user's own do not compile, or do
+    not return what they must.
+    """
     still_water = HullFlow(1000.0, 9.81, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     kinds = (kind,)
     record = np.zeros((1, 1), EFFECTOR)
     fitted = Fitted(kinds, record, np.zeros((1, 1)))
+    effector = record[0, 0]
+    arguments: dict[str, tuple[Any, ...]] = {
+        "load": (effector, 0.0, still_water),
+        "respond": (effector, 0.0, 0.0, 1.0, 0.02),
+        "force_limits": (effector, 1000.0, 1.0),
+        "state_for": (effector, 1000.0, 0.0, 1.0),
+    }
     calls: dict[str, Callable[[], Any]] = {
         "load": lambda: effector_wrench(fitted, 0, still_water),
         "respond": lambda: update_states(fitted, np.zeros((1, 1)), np.ones((1, 1)), 0.02),
-        "force_limits": lambda: force_limits(kinds, record[0, 0], 1000.0, 1.0),
-        "state_for": lambda: state_for(kinds, record[0, 0], 1000.0, 0.0, 1.0),
+        "force_limits": lambda: force_limits(kinds, effector, 1000.0, 1.0),
+        "state_for": lambda: state_for(kinds, effector, 1000.0, 0.0, 1.0),
     }
     for method, call in calls.items():
-        try:
+        with compiling_own(f"effector {name}: its `{method}`"):
+            # alone at first, so that an error is that of its own lines
+            kind_class: Any = type(kind)
+            answer = _compiled_method(kind_class, method)(kind, *arguments[method])
+            _require_answer(answer, kind, method, name)
             call()
-        except NumbaError as error:
-            lines = [line for line in str(error).splitlines() if line.strip()]
-            raise LaisnError(
-                "\n  ".join([f"effector {name}: its `{method}` cannot be compiled:", *lines[-6:]])
-            ) from error
+
+
+def _require_answer(answer: object, kind: EffectorKind, method: str, name: str) -> None:
+    """LaisnError if a method of a kind of the user's own returns something else than it must."""
+    expected = _ANSWERS[method]
+    try:
+        shape = np.shape(np.array(answer, dtype=np.float64))
+    except (TypeError, ValueError):
+        shape = None
+    if answer is None or shape != expected.shape:
+        code = getattr(type(kind), method).__code__
+        raise LaisnError(
+            f"effector {name}: its `{method}` ({code.co_filename}:{code.co_firstlineno}) returns "
+            f"{answer!r:.60}; expected {expected.meaning}"
+        )
 
 
 @cache
@@ -365,6 +403,29 @@ def effector_wrench(
             fading_force = plus(fading_force, push)
             fading_moment = plus(fading_moment, turn)
     return steady_force, steady_moment, fading_force, fading_moment
+
+
+def not_finite(fitted: Fitted, vehicle: int, water: HullFlow) -> Iterator[tuple[int, str]]:
+    """Indices of a vehicle's effectors of plugins whose state or load is not finite, and what is
+    told of each: class, state, force and moment.
+    """
+    for j, record in enumerate(fitted.records[vehicle]):
+        if record["kind"] < len(BUILT_IN):
+            continue
+        kind = kind_of(record)
+        state = float(fitted.states[vehicle, j]) if j < fitted.states.shape[1] else 0.0
+        # as the kind was compiled alone
+        alone = np.zeros((1, 1), EFFECTOR)
+        alone[0, 0] = record
+        alone["kind"] = 0
+        loads = effector_wrench(Fitted((kind,), alone, np.array([[state]])), 0, water)
+        force, moment = np.add(loads[:2], loads[2:]).tolist()
+        if not np.isfinite([state, *force, *moment]).all():
+            yield (
+                j,
+                f"{class_and_file(kind)} at its state {state:g}: force {force} N, moment "
+                f"{moment} N m; expected finite numbers",
+            )
 
 
 @compiled

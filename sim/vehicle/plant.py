@@ -23,15 +23,17 @@ import numpy.typing as npt
 from laisn.arrays import Floats, Ints
 from laisn.errors import LaisnError
 from laisn.held import refuse_copy
-from laisn.plugins import plugins_version
+from laisn.plugins import PluginError, plugins_version
 from sim import attitude
 from sim.vehicle import effectors, mjcf
+from sim.vehicle.effector_kinds import BUILT_IN, HullFlow
 from sim.vehicle.effectors import Fitted
 from sim.vehicle.lanes import FleetHandles, fleet_handles
 from sim.vehicle.mjcf import VehicleIds, VehicleSetup, compose, resolve, text_of
 from sim.vehicle.mujoco_calls import NO_CONTACT, NO_FORCES, calls_of
 from sim.vehicle.solvers import DirectSolver, Engine, MujocoSolver, Room, bodies_of
 from sim.vehicle.stepping import (
+    DIVERGED,
     MUJOCO_WARNING,
     NONFINITE_COMMAND,
     OK,
@@ -413,8 +415,37 @@ class Plant:
             fitted=Fitted(self.kinds, self.true_effectors, self.effector_states),
         )
 
+    def _own_effectors_lost(self, vehicle: int) -> str:
+        """The effectors of plugins of a vehicle that give no finite numbers in its present state,
+        after a comma; "" if there are none.
+        """
+        if len(self.kinds) == len(BUILT_IN):
+            return ""
+        pose, twist = self.pose[vehicle], self.twist[vehicle]
+        if not np.isfinite([*pose, *twist]).all():
+            pose, twist = self._last_pose[vehicle], self._last_twist[vehicle]
+        w, x, y, z = pose[3:].tolist()
+        to_hull = (w, -x, -y, -z)
+        coefficients = self.true_coefficients[vehicle]
+        through_water = twist[:3] - self.ocean.velocity(pose[None, :3], self.time)[0]
+        water = HullFlow(
+            density=float(coefficients["density"]),
+            gravity=float(coefficients["gravity"]),
+            velocity=attitude.rotated(to_hull, tuple(through_water.tolist())),
+            spin=tuple(twist[3:].tolist()),
+            up=attitude.rotated(to_hull, (0.0, 0.0, 1.0)),
+        )
+        fitted = Fitted(self.kinds, self.true_effectors, self.effector_states)
+        names = self.effector_names[vehicle]
+        return "".join(
+            f", by effector {names[j] if j < len(names) else 'of a fixed fin'} of class {text}"
+            for j, text in effectors.not_finite(fitted, vehicle, water)
+        )
+
     def finish_step(self, fault: Fault) -> None:
-        """Take over the time that steps have reached; PlantError if an error ended it."""
+        """Take over the time that steps have reached; PlantError if an error ended it, PluginError
+        if that was an effector of the user's own.
+        """
         self.data.time = self._clock[0]
         kind, index = fault
         if kind == OK:
@@ -425,10 +456,13 @@ class Plant:
             reason = f"the command of {self.names[index]} is not finite"
         else:
             reason = f"the state of {self.names[index]} is lost"
-        message = f"t = {self.time:.3f} s: {reason}; last good pose and twist by vehicle:"
+        by_plugins = self._own_effectors_lost(index) if kind == DIVERGED else ""
+        message = (
+            f"t = {self.time:.3f} s: {reason}{by_plugins}; last good pose and twist by vehicle:"
+        )
         for name, pose, twist in zip(self.names, self._last_pose, self._last_twist, strict=True):
             message += (
                 f"\n  {name}: {np.array2string(pose, precision=4)} "
                 f"{np.array2string(twist, precision=4)}"
             )
-        raise PlantError(message)
+        raise PluginError(message) if by_plugins else PlantError(message)

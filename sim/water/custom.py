@@ -15,7 +15,7 @@ from laisn.arrays import Floats
 from laisn.compiled import call_address, compiled
 from laisn.errors import LaisnError
 from laisn.held import refuse_copy
-from laisn.plugins import calling
+from laisn.plugins import calling, class_and_file
 from sim.attitude import Vector
 from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
 
@@ -93,7 +93,7 @@ class CustomCaller:
 
     def __init__(self, current: VelocityField) -> None:
         self._current = current
-        self._kind = type(current).__name__
+        self._kind = class_and_file(current)
         self._memory = np.zeros(_SIZE)
         self._error: BaseException | None = None
         self._function = _FUNCTION(self._answer)

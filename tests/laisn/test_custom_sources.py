@@ -232,11 +232,11 @@ def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(
 @pytest.mark.parametrize(
     ("further", "expected"),
     [
-        ("state[4:, 1] = np.nan", "navigator Nav: its estimate at 0.5 s is [0.0, nan"),
-        ("return {}", "navigator Nav returned dict from `run`"),
+        ("state[4:, 1] = np.nan", "navigator Nav (mynav.py): its estimate at 0.5 s is [0.0, nan"),
+        ("return {}", "navigator Nav (mynav.py) returned dict from `run`"),
         (
             "state, n = state[1:], n - 1",
-            "navigator Nav: its states have the shape (19, 4); expected (20, 4)",
+            "navigator Nav (mynav.py): its states have the shape (19, 4); expected (20, 4)",
         ),
     ],
 )
@@ -260,12 +260,12 @@ def test_an_estimate_of_a_wrong_shape_type_or_value_names_the_class(
         ("class Nav:\n    step = run = print\n    def __init__(self): pass", "navigator Nav: "),
         (
             "class Nav:\n    def __init__(self, s, start): pass\n    def step(self, own): pass",
-            "navigator Nav: step: ",
+            "navigator Nav (mynav.py): step: ",
         ),
         (
             "class Nav:\n    def __init__(self, s, start): self.state = 'here'\n"
             "    def step(self, own, reception, dt): pass",
-            "navigator Nav: its `state` is 'here'; expected numbers of shape (4,)",
+            "navigator Nav (mynav.py): its `state` is 'here'; expected numbers of shape (4,)",
         ),
     ],
 )
@@ -334,9 +334,12 @@ class Sensor:
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        ("true[1:]", "sensor Sensor: `read` gave array([0., 0."),
-        ("None", "sensor Sensor: `read` gave None; expected numbers, a row for each of 20"),
-        ("[1, [2, 3]]", "sensor Sensor: `read` gave [1, [2, 3]]"),
+        ("true[1:]", "sensor Sensor (mynav.py): `read` gave array([0., 0."),
+        (
+            "None",
+            "sensor Sensor (mynav.py): `read` gave None; expected numbers, a row for each of 20",
+        ),
+        ("[1, [2, 3]]", "sensor Sensor (mynav.py): `read` gave [1, [2, 3]]"),
         ("1 / 0", "ZeroDivisionError: division by zero"),
     ],
 )
@@ -354,4 +357,7 @@ def test_a_sensor_that_lacks_an_attribute_is_refused_before_the_flight() -> None
     Path("mynav.py").write_text(SENSOR.format(value="0").replace("stream = 20", ""))
     sensor_option = ["--set", "sensors.custom=[{sensor='mynav:Sensor'}]"]
     result = command("check", "T5", *sensor_option)
-    assert (result.exit_code, "mynav:Sensor has no stream" in result.output) == (2, True)
+    assert (result.exit_code, "sensor Sensor (mynav.py) has no stream" in result.output) == (
+        2,
+        True,
+    )

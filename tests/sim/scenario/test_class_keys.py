@@ -177,15 +177,32 @@ def _fly_with(kind: str, keys: dict[str, Any]) -> Any:
     ("kind", "key"),
     [
         ("current", "ocean.current.custom.reverse"),
-        ("sensor", "sensors.custom.use_slant"),
+        ("sensor", "sensors.custom[0].use_slant"),
         ("navigator", "navigation.custom.flip"),
     ],
 )
 def test_what_is_no_bool_is_refused_for_classes_of_all_kinds(
     kind: str, key: str, value: object
 ) -> None:
-    with pytest.raises(LaisnError, match=rf"{key}: Input should be a valid boolean"):
+    with pytest.raises(LaisnError, match=rf"{re.escape(key)}: Input should be a valid boolean"):
         _fly_with(kind, {key.rpartition(".")[2]: value})
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"sensors.custom": [{}, {"lok_m": 1.0}]}, "sensors.custom[1]"),
+        ({"followers.0.sensors.custom": [{"lok_m": 1.0}]}, "followers[0].sensors.custom[0]"),
+        ({"leader.sensors.custom": [{}, {"lok_m": 1.0}]}, "leader.sensors.custom[1]"),
+    ],
+)
+def test_a_sensor_is_named_by_its_number_in_the_list(changes: dict[str, Any], key: str) -> None:
+    tables = {
+        path: [{"sensor": "dvl", **table} for table in list_of_tables]
+        for path, list_of_tables in changes.items()
+    }
+    with pytest.raises(LaisnError, match=rf"(^|\s){re.escape(key)}: dvl has no key 'lok'"):
+        laisn_sim.load("T5", tables)
 
 
 @pytest.mark.parametrize("value", ["False", "no", "true", 1, 0.0])

@@ -342,6 +342,13 @@ WRONG_DECLARATIONS = {
     "units": ({"channels": ["value"]}, "expected names and their units"),
     "period": ({"period": 0.25}, "no multiple of filter_step_s = 0.1"),
     "negative": ({"period": -1.0}, "expected seconds, 0 or more"),
+    "name of a number": ({"name": 5}, "name = 5; expected letters"),
+    "period of a truth value": ({"period": True}, "`period` is True; expected seconds"),
+    "normals of a text": ({"normals": "3"}, "`normals` is '3'; expected how many normals"),
+    "broken normals": ({"normals": 2.5}, "`normals` is 2.5; expected how many normals"),
+    "negative normals": ({"normals": -1}, "`normals` is -1; expected how many normals"),
+    "normals of a truth value": ({"normals": True}, "`normals` is True; expected how many"),
+    "acoustic": ({"acoustic": "no"}, "`acoustic` is 'no'; expected True or False"),
     "stream": ({"stream": 64}, "stream = 64; expected 16 … 63"),
     # the noise of the speed log, and of the last of the project's own sensors
     "stream of the log": ({"stream": 0}, "stream = 0; expected 16 … 63"),

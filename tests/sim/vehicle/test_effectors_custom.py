@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 import laisn_sim
 from experiments.campaign.store import key_of
+from laisn.errors import LaisnError
 from laisn_sim.cli.main import app
 from sim.scenario.vehicles import Vehicle
 from sim.vehicle.effector_kinds import BUILT_IN, HullFlow
@@ -130,21 +131,83 @@ def test_unknown_kinds_and_lacking_plugins_are_refused(
     assert "add --plugin buoyancy_engine.py" in result.output
 
 
-def test_a_method_that_does_not_compile_is_reported(folder: Path) -> None:
+def with_kind(methods: str) -> str:
+    """The MJCF of the page with an engine of another class, `Odd`, of these methods from line 8
+    on.
+    """
     Path("odd.py").write_text(
-        "from laisn_sim import EffectorKind\nfrom sim.vehicle.effector_kinds import Bounds\n\n\n"
-        "class Odd(EffectorKind):\n    parameters = {'a': Bounds(0.0, 1.0)}\n\n"
-        "    def load(self, effector, state, water):\n"
-        "        return water.temperature, state\n",
+        "import numpy as np\nfrom laisn_sim import EffectorKind\n"
+        "from sim.vehicle.effector_kinds import Bounds\n\n\n"
+        "class Odd(EffectorKind):\n    parameters = {'a': Bounds(0.0, 1.0)}\n" + methods,
         encoding="utf-8",
     )
     laisn_sim.load_plugin("odd.py")
     text = Path("float.xml").read_text("utf-8")
-    text = text.replace(
+    return text.replace(
         'engine.buoyancy_engine:BuoyancyEngine" data="5e-5"', 'engine.odd:Odd" data="5e-5"'
     )
-    lines = "\n".join(hull_errors(text, "follower"))
-    assert "effector odd:Odd: its `load` cannot be compiled" in lines
+
+
+LOAD = "    def load(self, effector, state, water):\n"
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize(
+    ("methods", "line", "expected"),
+    [
+        (
+            LOAD + "        return water.temperature, state\n",
+            9,
+            "its `load` cannot be compiled: {place}: Unknown attribute 'temperature' of type Hull",
+        ),
+        (
+            LOAD + "        x = state\n        return (x[0], x, x), (x, x, x)\n",
+            10,
+            "its `load` cannot be compiled: {place}: no such operation: getitem(float64, ",
+        ),
+        (
+            LOAD + "        return 5.0, 3.0\n",
+            8,
+            "its `load` ({place}) returns (5.0, 3.0); expected force [N] and moment [N m]",
+        ),
+        (
+            "    def respond(self, effector, state, command, share, dt):\n        pass\n",
+            8,
+            "its `respond` ({place}) returns None; expected the state after the step",
+        ),
+        (
+            "    def force_limits(self, effector, density, speed):\n        return 1.0\n",
+            8,
+            "its `force_limits` ({place}) returns 1.0; expected the least and the largest force",
+        ),
+    ],
+)
+def test_a_method_that_cannot_be_used_says_where_and_why(
+    methods: str, line: int, expected: str
+) -> None:
+    (error,) = hull_errors(with_kind(methods), "follower")
+    place = f"{Path('odd.py').resolve()}:{line}"
+    assert error.startswith(f"effector odd:Odd: {expected.format(place=place)}")
+    assert "\x1b" not in error
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.parametrize("engine", ["mujoco", "direct"])
+def test_a_force_that_is_no_number_names_the_effector(engine: str) -> None:
+    """The root of a negative number, as soon as the state is another one than 0."""
+    Path("float.xml").write_text(
+        with_kind(
+            LOAD + "        force = np.sqrt(-abs(state))\n"
+            "        return (0.0, 0.0, force), (0.0, 0.0, 0.0)\n"
+        ),
+        encoding="utf-8",
+    )
+    with pytest.raises(
+        LaisnError,
+        match=r"the state of follower is lost, by effector engine of class Odd \(odd\.py\) at its "
+        r"state -?\d[-.\de]*: force \[0\.0, 0\.0, nan\] N, moment \[0\.0, 0\.0, 0\.0\] N m; ",
+    ):
+        laisn_sim.fly("float.toml", {"timing.engine": engine, "duration_s": 20.0})
 
 
 @pytest.mark.usefixtures("folder")
