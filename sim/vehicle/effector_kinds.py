@@ -58,21 +58,28 @@ class HullFlow(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Values that a parameter may have: between two numbers, with or without the lower one."""
+    """Values that a number of a hull may have: between two numbers, with or without these."""
 
     low: float
-    high: float
+    high: float = np.inf
     with_low: bool = False
+    with_high: bool = False
+
+    def fault(self, value: float) -> str:
+        """What a value must be that is out of bounds; "" if it is not."""
+        is_above = self.low < value or (self.with_low and value == self.low)
+        if is_above and (value < self.high or (self.with_high and value == self.high)):
+            return ""
+        expected = f"{'at least' if self.with_low else 'more than'} {self.low:g}"
+        if self.high < np.inf:
+            expected += f" and {'at most' if self.with_high else 'below'} {self.high:g}"
+        return f"must be {expected} (given: {value:g})"
 
     def require(self, value: float, name: str, where: str) -> None:
         """LaisnError naming the parameter if a value is out of bounds."""
-        if self.low < value < self.high or (self.with_low and value == self.low):
-            return
-        above = "at least" if self.with_low else "more than"
-        raise LaisnError(
-            f"{where}, {name}, must be {above} {self.low:g} and below {self.high:g} "
-            f"(given: {value:g})"
-        )
+        fault = self.fault(value)
+        if fault:
+            raise LaisnError(f"{where}, {name}, {fault}")
 
 
 @inlined

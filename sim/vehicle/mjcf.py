@@ -17,6 +17,7 @@ from laisn.arrays import Floats, RecordFields, row_dtype
 from laisn.errors import LaisnError
 from sim import attitude
 from sim.scenario import vehicles
+from sim.vehicle.effector_kinds import Bounds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -274,6 +275,28 @@ density of a mission's water; together they state the displaced volume. `buoyanc
 centre of buoyancy in the body frame, whose origin is the reference point of all other coefficients.
 """
 
+_NOT_NEGATIVE = Bounds(0.0, with_low=True)
+_POSITIVE = Bounds(0.0)
+_SHARE = Bounds(0.0, 1.0, with_low=True, with_high=True)
+BOUNDS = {
+    "munk_factor": _SHARE,
+    "linear_damping": _NOT_NEGATIVE,
+    "linear_damping_fade": _NOT_NEGATIVE,
+    "quadratic_damping": _NOT_NEGATIVE,
+    "buoyancy": _NOT_NEGATIVE,
+    "buoyancy_density": _POSITIVE,
+    "displaced_inertia": _NOT_NEGATIVE,
+    "hull_radius": _POSITIVE,
+    "hull_lift": _NOT_NEGATIVE,
+    "hull_lift_planes": _SHARE,
+    "cross_flow_drag": _NOT_NEGATIVE,
+    "strip_area": _NOT_NEGATIVE,
+}
+"""Values that coefficients may have, of matrices their diagonals; the others have either sign."""
+
+LAG_BOUNDS = _NOT_NEGATIVE
+"""Time constants that effectors may have [s]."""
+
 MATRICES = {"linear_damping": "linear_coupling", "quadratic_damping": "quadratic_coupling"}
 """Numerics that may have 6×6 values by rows, D of the wrench −D ν or −D |ν| ν, and where those
 off the diagonal go.
@@ -287,7 +310,7 @@ def read_coefficients(
     of one for each [kg/m³].
 
     Records of COEFFICIENTS, shape (v,), read-only. LaisnError if a numeric is missing, of the wrong
-    size or of a sign that it cannot have, strips lack a position or an area, or the added mass is
+    size or out of its BOUNDS, strips lack a position or an area, or the added mass is
     not symmetric positive semidefinite.
     """
     records = np.zeros(len(names), COEFFICIENTS)
@@ -311,6 +334,14 @@ def read_coefficients(
     return records
 
 
+def _require_bounds(name: str, key: str, values: npt.ArrayLike) -> None:
+    """LaisnError naming the first value of a coefficient that is out of its bounds."""
+    for value in np.ravel(values).tolist() if key in BOUNDS else ():
+        fault = BOUNDS[key].fault(value)
+        if fault:
+            raise LaisnError(f"{name}: {key} {fault}")
+
+
 def _read_required(record: np.void, model: mujoco.MjModel, name: str, key: str) -> int:
     """Fill in place, and return the number of values; LaisnError as of `read_coefficients`."""
     value = numeric(model, f"{name}/{key}")
@@ -319,8 +350,7 @@ def _read_required(record: np.void, model: mujoco.MjModel, name: str, key: str) 
         raise LaisnError(f"the MJCF of {name!r}: {fault}")
     is_matrix = key in MATRICES and value.size == 36
     diagonal = np.diag(value.reshape(6, 6)) if is_matrix else value
-    if key not in ("added_mass", "strip_x") and np.any(diagonal < 0.0):
-        raise LaisnError(f"{name}: {key} must not be negative")
+    _require_bounds(name, key, diagonal)
     if key in ("strip_x", "strip_area"):
         record[key][: value.size] = value
     elif is_matrix:
@@ -340,8 +370,7 @@ def _read_optional(record: np.void, model: mujoco.MjModel, name: str) -> None:
         if value is not None and (fault := numeric_error(key, value.size)):
             raise LaisnError(f"the MJCF of {name!r}: {fault}")
         record[key] = np.reshape(default if value is None else value, shape)
-    if not record["buoyancy_density"] > 0.0:
-        raise LaisnError(f"{name}: buoyancy_density must be positive")
+        _require_bounds(name, key, record[key])
     record["off_centre"] = int(record["buoyancy_centre"].any())
 
 

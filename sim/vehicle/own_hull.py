@@ -192,6 +192,21 @@ def _body_faults(spec: mujoco.MjSpec) -> Iterator[str]:
         yield "there may be no body beside 'hull'"
 
 
+def _effector_faults(model: mujoco.MjModel) -> Iterator[str]:
+    """A line for each actuator whose lag or range no effector can have."""
+    for i in range(model.nu):
+        name = f"<general name={model.actuator(i).name.removeprefix('hull/')[:40]!r}>"
+        fault = mjcf.LAG_BOUNDS.fault(model.actuator_dynprm[i, 0])
+        if fault:
+            yield f"{name}: dynprm, its lag [s], {fault}"
+        low, high = model.actuator_ctrlrange[i].tolist()
+        if model.actuator_ctrllimited[i] and not low <= 0.0 <= high:
+            yield (
+                f"{name}: ctrlrange must hold 0, its state at rest and at the start "
+                f"(given: {low:g} {high:g})"
+            )
+
+
 def _faults_when_compiled(text: str) -> Iterator[str]:
     """A line for each reason why a hull that has all parts cannot be simulated."""
     try:
@@ -212,6 +227,7 @@ def _faults_when_compiled(text: str) -> Iterator[str]:
         )
     if not model.actuator_ctrllimited.all():
         yield "every actuator must have a ctrlrange, its least and its largest thrust [N]"
+    yield from _effector_faults(model)
     if model.actuator_forcelimited.any():
         yield "no actuator may have a forcerange: ctrlrange limits the thrust"
     if model.body_simple[model.body("hull/hull").id]:

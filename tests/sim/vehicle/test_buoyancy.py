@@ -105,7 +105,7 @@ def test_the_buoyancy_of_a_file_without_a_density_is_that_in_sea_water() -> None
 @pytest.mark.parametrize(
     ("numeric", "message"),
     [
-        ('<numeric name="buoyancy_density" data="0"/>', "buoyancy_density must be positive"),
+        ('<numeric name="buoyancy_density" data="0"/>', "buoyancy_density must be more than 0"),
         (
             '<numeric name="buoyancy_density" data="1 2"/>',
             r"<numeric name='buoyancy_density'> has 2 values, expected 1 value \[kg/m³\]",

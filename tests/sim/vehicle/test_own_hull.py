@@ -327,7 +327,34 @@ def test_what_an_autopilot_cannot_control_is_refused_by_name(tmp_path: Path) -> 
     [
         ("10.78728 7.45398", "1e5 7.45398", "too fast for physics steps of 0.02 s"),
         ("0.56 0.72", "0.56 100", "too fast for physics steps of 0.02 s"),
-        ('data="1.1 1.1"', 'data="1.1 -1.1"', "cross_flow_drag must not be negative"),
+        (
+            'data="1.1 1.1"',
+            'data="1.1 -1.1"',
+            r"cross_flow_drag must be at least 0 \(given: -1.1\)",
+        ),
+        *(
+            (old, new, rf"hull: {name} must be {bound} \(given: ")
+            for name, old, new, bound in (
+                ("munk_factor", 'data="1"', 'data="2"', "at least 0 and at most 1"),
+                ("munk_factor", 'data="1"', 'data="-0.1"', "at least 0 and at most 1"),
+                (
+                    "hull_lift_planes",
+                    'planes" data="1 1"',
+                    'planes" data="1 1.5"',
+                    "at least 0 and at most 1",
+                ),
+                ("hull_radius", 'radius" data="0.095"', 'radius" data="0"', "more than 0"),
+                ("displaced_inertia", 'inertia" data="', 'inertia" data="-', "at least 0"),
+                ("buoyancy", 'buoyancy" data="', 'buoyancy" data="-', "at least 0"),
+            )
+        ),
+        (
+            'dynprm="0.3"',
+            'dynprm="-1"',
+            r"dynprm, its lag \[s\], must be at least 0 \(given: -1\)",
+        ),
+        ('ctrlrange="-40 100"', 'ctrlrange="5 40"', r"must hold 0, .* \(given: 5 40\)"),
+        ('ctrlrange="-40 100"', 'ctrlrange="-40 -5"', r"must hold 0, .* \(given: -40 -5\)"),
         (
             'pos="0 0 0.1"',
             'pos="1e8 0 0.1"',
