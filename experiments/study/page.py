@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from experiments.flight.library import fly_line
 from experiments.study import charts
@@ -21,7 +21,7 @@ from experiments.study.estimate import (
     main_effects,
     verdict_of,
 )
-from experiments.study.file import METRIC, Study
+from experiments.study.file import METRIC, Arm, Study
 from experiments.study.measure import METRICS, Metric
 from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, varied
 from experiments.study.run import largest_half_width
@@ -29,6 +29,7 @@ from laisn.plugins import plugin_options
 from reports import page as pages
 from reports.intervals import FEWEST_RUNS, Interval
 from reports.page import Code, Film, Page, Replay, TableCell, Tile, number, words
+from sim.scenario.settings import Scenario
 
 _MAX_COMMAND_PLACES = 400  # places whose runs have commands
 _MAX_ANSWERS = 12  # places of the table on the terminal
@@ -87,18 +88,6 @@ def worst_and_median_run(
     return ranked_runs[-1][1:], ranked_runs[(len(ranked_runs) - 1) // 2][1:]
 
 
-def worst_entry(plan: StudyPlan, results: Results) -> tuple[PlanEntry, int, str]:
-    """The scenario, run and follower of the worst run of the worst place."""
-
-    def size(condition: Condition) -> float:
-        value = results.estimate(condition, plan.study.file.report.metric).value
-        return -math.inf if math.isnan(value) else value
-
-    condition = max(results.rows, key=size)
-    (realization, run), _ = worst_and_median_run(plan, results, condition)
-    return plan.by_design_key[condition.point, condition.arm, realization], run, condition.follower
-
-
 def _altered_by(plan: StudyPlan, entry: PlanEntry) -> str:
     """The key of a study that alters what is measured in an entry beside the scenario's keys; empty
     if there is none.
@@ -106,6 +95,38 @@ def _altered_by(plan: StudyPlan, entry: PlanEntry) -> str:
     if plan.study.disturb_at(plan.points[entry.point], entry.arm):
         return "disturb"
     return "" if plan.study.arm(entry.arm).leader_pitch_deg is None else "leader_pitch_deg"
+
+
+def _measured(results: Results, condition: Condition, entry: PlanEntry) -> dict[str, Any]:
+    """Values that `measured` keys of an entry took of the mission."""
+    rows = results.rows[condition]
+    row = next(row for row in rows if row["realization"] == entry.realization)
+    return {key: row[key] for key in entry.measured}
+
+
+class WorstRun(NamedTuple):
+    """The worst run of the worst place that a flight can repeat."""
+
+    entry: PlanEntry
+    run: int
+    follower: str
+    scenario: Scenario  # of the run
+
+
+def worst_run(plan: StudyPlan, results: Results) -> WorstRun | None:
+    """None if a flight can repeat no run."""
+
+    def size(condition: Condition) -> float:
+        value = results.estimate(condition, plan.study.file.report.metric).value
+        return -math.inf if math.isnan(value) else value
+
+    for condition in sorted(results.rows, key=size, reverse=True):
+        (realization, run), _ = worst_and_median_run(plan, results, condition)
+        entry = plan.by_design_key[condition.point, condition.arm, realization]
+        if not _altered_by(plan, entry):
+            scenario = entry.scenario_at(run, _measured(results, condition, entry))
+            return WorstRun(entry, run, condition.follower, scenario)
+    return None
 
 
 def commands(plan: StudyPlan, results: Results) -> str:
@@ -126,8 +147,7 @@ def commands(plan: StudyPlan, results: Results) -> str:
             if altered_by:
                 lines.append(f"# laisn fly has no {altered_by}: only the study flies it")
                 continue
-            row = next(row for row in results.rows[condition] if row["realization"] == realization)
-            measured = {key: row[key] for key in entry.measured}
+            measured = _measured(results, condition, entry)
             lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
     return "\n".join(lines)
 
@@ -334,6 +354,13 @@ class StudyPage:
         return [draw.key for draw in self.study.draws if draw.key.startswith("ocean.waves.")]
 
     @property
+    def look_text(self) -> str:
+        """What is shown of the worst run."""
+        altered = any(_altered_by(self.plan, entry) for entry in self.plan.entries)
+        which = " that a flight can repeat" if altered else ""
+        return f"The worst run of the worst place{which}."
+
+    @property
     def commands(self) -> Code:
         return Code(
             text=commands(self.plan, self.results),
@@ -416,7 +443,12 @@ def _listed(values: Iterable[Any]) -> str:
     return ", ".join(map(charts.value_text, values))
 
 
-def _changes(settings: Mapping[str, Any]) -> str:
+def _changes(arm: Arm) -> str:
+    """What an arm sets, in words."""
+    settings = dict(arm.settings)
+    if arm.leader_pitch_deg is not None:
+        settings["leader_pitch_deg"] = arm.leader_pitch_deg
+    settings |= {f"disturb.{key}": value for key, value in arm.disturb.items()}
     return ", ".join(f"{key} = {charts.value_text(value)}" for key, value in settings.items())
 
 

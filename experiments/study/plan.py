@@ -69,13 +69,14 @@ class PlanEntry:
         """The settings with the values that a run has."""
         return {key: value_at(value, run) for key, value in self.settings.items() if key != "run"}
 
-    def scenario_at(self, run: int) -> Scenario:
-        """The scenario of a run; ScenarioError if it is invalid with the values that this run
-        has.
+    def scenario_at(self, run: int, measured: Mapping[str, Any] | None = None) -> Scenario:
+        """The scenario of a run, with values of `measured` keys; ScenarioError if it is invalid
+        with the values that this run has.
         """
         changed = {
             key: value_at(value, run) for key, value in self.settings.items() if follows_run(value)
         }
+        changed |= measured or {}
         if not changed:
             return self.scenario.model_copy(update={"run": run})
         table = assigned(self.scenario.model_dump(mode="json"), changed | {"run": run})

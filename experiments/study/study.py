@@ -176,13 +176,17 @@ def _write_tables(outcomes: StudyResults, folder: Path) -> None:
 def _look_at_worst(
     outcomes: StudyResults, folder: Path, *, film: bool, scene: bool
 ) -> list[pages.Film | pages.Replay]:
-    """Fly the worst run of the worst place alone, and show it in 3D or film it, or both."""
+    """Fly the worst run of the worst place alone, and show it in 3D or film it, or both; nothing if
+    a flight can repeat none.
+    """
     from experiments.flight.results import render
-    from experiments.study.page import worst_entry
+    from experiments.study.page import worst_run
     from reports.flight_report import scene_of_flight
 
-    entry, run, _ = worst_entry(outcomes.plan, outcomes.results)
-    flight = fly(entry.scenario_at(run))[0]
+    worst = worst_run(outcomes.plan, outcomes.results)
+    if worst is None:
+        return []
+    flight = fly(worst.scenario)[0]
     films = list[pages.Film | pages.Replay]()
     if scene:
         films.append(pages.Replay(scene=scene_of_flight(flight), alternative="The worst run"))

@@ -16,7 +16,7 @@ from experiments.study import charts
 from experiments.study.estimate import Condition, Results, interval_text
 from experiments.study.file import study_from_table
 from experiments.study.measure import METRICS
-from experiments.study.page import answer, commands, page_of, worst_and_median_run, worst_entry
+from experiments.study.page import answer, commands, page_of, worst_and_median_run, worst_run
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _row_and_lists, largest_half_width
 from experiments.study.study import findings_of
@@ -158,8 +158,11 @@ def test_worst_and_median_runs_are_those_of_their_place(plan: StudyPlan, results
         assert (realization, worst) == (0, int(values.argmax()))
         # of 40 the twentieth
         assert np.count_nonzero(values < values[median]) == 19
-    entry, run, name = worst_entry(plan, results)
+    worst = worst_run(plan, results)
+    assert worst is not None
+    entry, run, name, scenario = worst
     assert (entry.point, entry.arm, name) == (1, "aware", "follower")
+    assert scenario == entry.scenario.model_copy(update={"run": run})
     assert run == int(np.argmax(np.array(results.by_run(condition(1, "aware"), "e_p_mean_m"))))
     assert commands(plan, results).count("--run") == 12
 

@@ -9,7 +9,7 @@ import pytest
 
 from experiments.campaign.montecarlo import CampaignMission, Cell, simulate, simulate_mission
 from experiments.study.file import StudyError, study_from_table, study_of
-from experiments.study.page import StudyPage, commands
+from experiments.study.page import StudyPage, commands, worst_run
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import RunTotals, StudyResults, fly_further, fly_studies
 from laisn.plugins import load_plugin
@@ -240,6 +240,10 @@ def test_commands_have_the_measured_value_of_their_realization(tmp_path: Path) -
     assert {int(number) for number, _ in values_in_commands} != {0}
     for number, value in values_in_commands:
         assert float(value) == pytest.approx(pitch[int(number)], rel=1e-9)
+    worst = worst_run(outcomes.plan, outcomes.results)
+    assert worst is not None
+    assumed_deg = worst.scenario.navigation.expected_pitch_deg
+    assert assumed_deg == pytest.approx(pitch[worst.entry.realization], rel=1e-9)
 
 
 def test_commands_load_plugins_and_leave_out_what_no_flight_can_repeat(
@@ -251,19 +255,27 @@ def test_commands_load_plugins_and_leave_out_what_no_flight_can_repeat(
     source.write_text("")
     arms = [
         {"name": "plain"},
-        {"name": "pitched", "leader_pitch_deg": 5.0},
+        {"name": "pitched", "leader_pitch_deg": 20.0},
         {"name": "drift", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["drift"]}},
     ]
     outcomes = fly_study(tmp_path, {"arm": arms})
     with without_plugins():
         load_plugin(source)
         lines = commands(outcomes.plan, outcomes.results).splitlines()
-        facts = dict(StudyPage(plan=outcomes.plan, results=outcomes.results, failures={}).facts)
+        page = StudyPage(plan=outcomes.plan, results=outcomes.results, failures={})
+        facts = dict(page.facts)
     assert [line.startswith("laisn fly") for line in lines[1::2]] == [True] * 2 + [False] * 4
     assert all(line.startswith("laisn fly T5 --plugin own/reckoners.py ") for line in lines[1:4:2])
     assert "no leader_pitch_deg" in lines[5]
     assert "no disturb" in lines[9]
     assert facts["repeat it"].startswith("laisn study study.toml --plugin own/reckoners.py")
+    # the worst place is one that a flight cannot repeat
+    errors = {row["arm"]: row["e_p_mean_m"] for row in outcomes.rows}
+    assert max(errors, key=errors.__getitem__) == "pitched"
+    worst = worst_run(outcomes.plan, outcomes.results)
+    assert worst is not None
+    assert worst.entry.arm == "plain"
+    assert page.look_text.endswith("that a flight can repeat.")
 
 
 def test_runs_that_a_study_adds_are_those_of_a_longer_study(tmp_path: Path) -> None:
