@@ -30,6 +30,10 @@ _MAX_BARS = 200  # points of a panel beyond which intervals would hide them
 
 def _words(name: str) -> tuple[str, str]:
     """A key of the scenario in words, and its unit."""
+    sensor = re.match(r"sensors\.custom\.(\d+)\.(.+)", name)
+    if sensor:
+        text, unit = without_unit(sensor[2])
+        return f"sensor {int(sensor[1]) + 1}'s {text.replace('_', ' ')}", unit
     owner = re.match(r"(leader|followers\.(\d+|\*))\.", name)
     text, unit = without_unit(name[owner.end() :] if owner else name.partition(".")[2] or name)
     words = text.replace("_", " ").replace(".", " ")

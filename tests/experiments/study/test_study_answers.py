@@ -548,6 +548,11 @@ def test_keys_have_titles_with_units() -> None:
             "follower 1's station behind [m]",
             "follower 1's station behind 2.5 m",
         ),
+        (
+            "sensors.custom.0.velocity_sigma_m_s",
+            "sensor 1's velocity sigma [m/s]",
+            "sensor 1's velocity sigma 2.5 m/s",
+        ),
         ("arm", "arm", "arm 2.5"),
     ):
         assert (charts.label_of(key), charts.point_text({key: 2.5})) == (label, setting)
