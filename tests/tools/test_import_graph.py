@@ -25,6 +25,7 @@ SHARED_TYPES = {
     "laisn.settings",
     "laisn.spilled",
     "laisn.geometry",
+    "laisn.compile_errors",
     "laisn.compiled",
     "laisn.simd",
     "laisn.vector_math",

@@ -12,6 +12,7 @@ WITHOUT_PACKAGE = {"system", "data"}
 OF_SEVERAL_MODULES = {
     "experiments/studies/asymmetry/test_conditions.py",
     "experiments/studies/test_template_findings.py",
+    "experiments/test_plugin_answers.py",
     "laisn/test_extending.py",
     "laisn/test_missing_depth.py",
     "laisn/test_on_a_vehicle.py",
