@@ -32,7 +32,7 @@ from sim.datasets.factor_graph import write_factor_graph
 from sim.datasets.log import VEHICLE, read_data_set_log
 from sim.flight import FlightRecord, navigation_settings, settings_as
 from sim.log.contents import Contents
-from sim.log.reader import read, read_recording
+from sim.log.reader import Pings, read, read_recording
 from sim.scenario.file import values_of
 from sim.scenario.parts import MotionSettings
 from sim.sensing.observation import start_of
@@ -101,6 +101,8 @@ def replay_measurements(
     navigations = [scenario.navigation, *(f.navigation for f in scenario.followers)]
     if all(n is None or "use_single_range" not in n.model_fields_set for n in navigations):
         scenario = scenario.with_navigation(use_single_range=True)
+    sound = scenario.acoustics
+    pings = Pings(sound.ping_slot_s, sound.sound_speed_m_s)
     motion = starts_of(MotionSettings.of(scenario), scenario.leader)
     heads = ("follower", "steps", "Δt [s]", "fixes", "x [m]", "y [m]")
     rows = list[list[str]]()
@@ -109,7 +111,7 @@ def replay_measurements(
     for i, name in enumerate(motion.names[1:]):
         variant = scenario.navigation_of(i).variant
         factory = _smoother(variant, smooth_s) or find(variant).make
-        measurements, file_remarks, time_s = read_recording(path, name, longest_gap_s)
+        measurements, file_remarks, time_s = read_recording(path, name, longest_gap_s, pings)
         remarks += file_remarks
         settings = replace(navigation_settings(scenario, motion.sites, i), dt=measurements.dt)
         try:

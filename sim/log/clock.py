@@ -270,7 +270,8 @@ def reception_times(recording: RecordedRows) -> Ints:
     recording.remarks.append(
         f"{int(is_late.sum())} of {int(valid.sum())} receptions are older than sound needs, by "
         f"{float(np.median(delay[is_late])):.3g} s (median): they are taken at {TIMESTAMP} and the "
-        f"travel time; without the column {TIMESTAMP} they have the times of their rows"
+        f"travel time; where pings have slots, set acoustics.ping_slot_s of the scenario of the "
+        f"replay; without the column {TIMESTAMP} they have the times of their rows"
     )
     return np.where(is_late, np.rint(np.where(is_late, arrival, 0.0) * 1e9), recording.time).astype(
         np.int64

@@ -4,7 +4,7 @@ real vehicle.
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -58,6 +58,8 @@ LONGEST_GAP_S = 10.0  # longer gaps between own measurements are not bridged unl
 _MIN_GAP_STEPS = 2.0  # shortest gap [filter steps]
 _MAX_NAMED_GAPS = 5  # most gaps that are named
 _SOUND_M_S = 1500.0  # typical speed of sound
+# ranges err: a ping that seems to arrive so much after its message was recorded does not [s]
+_ARRIVAL_TOLERANCE_S = 1e-3
 # ages of messages that are neither noise nor of another clock [s]
 _MIN_DELAY_S = 0.1
 _MAX_DELAY_S = 60.0
@@ -472,6 +474,37 @@ def _correct_clock(
     return _ClockCorrection(tuple(rows.remarks), leader_shift_s[reception_rows])
 
 
+class Pings(NamedTuple):
+    """When pings of a message leave and how fast they travel, as the scenario of a replay tells."""
+
+    slot_s: float = 0.0  # from each ping of a message to the next [s]
+    sound_m_s: float = _SOUND_M_S
+
+    def offsets(self, ranges: Floats) -> Floats:
+        """How long after its first ping the last one of each message leaves, shape (m,), [s]."""
+        is_heard = np.isfinite(ranges)
+        return np.asarray((self.slot_s * np.arange(ranges.shape[1]) * is_heard).max(axis=1))
+
+    def arrivals(self, stamps: Floats, ranges: Floats) -> Floats:
+        """When the last ping of each message arrives, NaN where it is not known, shape (m,), [s];
+        `stamps` are the times at which the first ones leave.
+        """
+        ways = self.slot_s * np.arange(ranges.shape[1]) + ranges / self.sound_m_s
+        return stamps + np.max(np.nan_to_num(ways, nan=-np.inf), axis=1)
+
+
+def _heard(heard_ns: Ints, stamps: Floats, ranges: Floats, pings: Pings) -> Ints:
+    """When receptions are complete [ns]: where a log has them before their last ping arrives, as an
+    import that did not know of slots, then.
+    """
+    arrival_ns = 1e9 * pings.arrivals(stamps, ranges)
+    age_s = 1e-9 * (arrival_ns - heard_ns)
+    is_early = (age_s > _ARRIVAL_TOLERANCE_S) & (age_s < _SAME_CLOCK_S)
+    return np.where(is_early, np.rint(np.where(is_early, arrival_ns, 0.0)), heard_ns).astype(
+        np.int64
+    )
+
+
 def _late_receptions(
     topic: str, heard_ns: Ints, message: Floats, ranges: Floats, dt_ns: int
 ) -> list[str]:
@@ -485,7 +518,8 @@ def _late_receptions(
         return []
     return [
         f"messages of {topic} are {delay:.3g} s older than sound needs (median), by "
-        "leader_timestamp: they are used as if the leader were there when they were recorded"
+        "leader_timestamp: they are used as if the leader were there when they were recorded, but "
+        "by navigators that compensate motion; where pings have slots, set acoustics.ping_slot_s"
     ]
 
 
@@ -521,11 +555,12 @@ def _gaps(
 _SAME_CLOCK_S = 10.0
 
 
-def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
+def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int, offsets: Floats) -> Floats:
     """Timestamps of messages as times since the start, shape (m,), [s], as navigators count them.
 
     Those of another clock that goes as the log's does are moved by its offset, as if the message
-    with the least delay had none; those of any other clock, and zeros, stay as they are.
+    with the least delay had none but that of its pings' slots, shape (m,), [s]; those of any other
+    clock, and zeros, stay as they are.
     """
     is_stated = np.isfinite(stamps) & (stamps != 0.0)
     log_minus_stamp = (1e-9 * (heard_ns - start_ns) - stamps)[is_stated]
@@ -533,7 +568,9 @@ def _since_start(stamps: Floats, heard_ns: Ints, start_ns: int) -> Floats:
         return stamps
     delays = log_minus_stamp + 1e-9 * start_ns
     is_log_clock = np.all((delays > -1.0) & (delays < _SAME_CLOCK_S))
-    offset = -1e-9 * start_ns if is_log_clock else float(log_minus_stamp.min())
+    offset = (
+        -1e-9 * start_ns if is_log_clock else float((log_minus_stamp - offsets[is_stated]).min())
+    )
     return np.where(is_stated, stamps + offset, stamps)
 
 
@@ -580,6 +617,17 @@ class _Channels:
     headers: Mapping[str, SensorHeader]  # of further sensors
     unread: Sequence[str]  # channels of further sensors that hold no numbers
     clock_remarks: Sequence[str]
+
+    def heard_at(self, heard_ns: Ints) -> "_Channels":
+        """The same with receptions at other times, in order of these, shape (m,), [ns]."""
+        order = np.argsort(heard_ns, kind="stable")
+        return replace(
+            self,
+            heard_ns=heard_ns[order],
+            message=self.message[order],
+            ranges=self.ranges[order],
+            places=self.places[order],
+        )
 
 
 def _read_channels(log: Contents, motion_topic: str, reception_topic: str) -> _Channels:
@@ -709,13 +757,17 @@ def _receptions_of(channels: _Channels, steps: _Steps, topic: str) -> _Reception
 
 
 def read_recording(
-    path: Path | str, follower: str = "follower", longest_gap_s: float = LONGEST_GAP_S
+    path: Path | str,
+    follower: str = "follower",
+    longest_gap_s: float = LONGEST_GAP_S,
+    pings: Pings = Pings(),  # noqa: B008 - it is never changed
 ) -> Recording:
     """What one follower of a flight, or a real vehicle, received and sensed in `/NAME/motion` and
     `/NAME/reception`.
 
     Own measurements are the filter steps, each as long as it took. Δt is the median, and the first
-    ends a step of Δt. A reception belongs to the first step at or after it (`docs/log.md`).
+    ends a step of Δt. A reception belongs to the first step at or after it (`docs/log.md`), and
+    none is there before its last ping has arrived, by the slots of `pings`.
     LogError if the log is damaged, lacks a channel or a field, has fewer than two own measurements,
     or a gap longer than `longest_gap_s`.
     """
@@ -739,13 +791,21 @@ def read_recording(
     time_s = (steps.time_ns - start_ns) / 1e9
     remarks += _gaps(log.path, motion_topic, time_s, steps.spacing_ns, longest_gap_s)
     message = channels.message
-    if FLIGHT not in log.metadata:
+    offsets = pings.offsets(channels.ranges)
+    if mission_start_ns is None:
+        if pings.slot_s:
+            heard_ns = _heard(channels.heard_ns, message[:, 0], channels.ranges, pings)
+            channels = channels.heard_at(heard_ns)
         remarks += _late_receptions(
-            reception_topic, channels.heard_ns, message, channels.ranges, dt_ns
+            reception_topic,
+            channels.heard_ns - np.rint(1e9 * offsets).astype(np.int64),
+            message,
+            channels.ranges,
+            dt_ns,
         )
     begin_ns = int(steps.time_ns[0]) - dt_ns
     if mission_start_ns is None:
-        message[:, 0] = _since_start(message[:, 0], channels.heard_ns, begin_ns)
+        message[:, 0] = _since_start(message[:, 0], channels.heard_ns, begin_ns, offsets)
     else:
         # both clocks count from the start of the mission
         message[:, 0] -= 1e-9 * (begin_ns - mission_start_ns)

@@ -20,7 +20,7 @@ from experiments.benchmark.tables import (
 from experiments.flight.library import load_scenario
 from laisn.errors import LaisnError
 from laisn.messages import Ranges
-from sim.log.reader import read_recording
+from sim.log.reader import Pings, read_recording
 from tests.experiments.benchmark.sample import SAMPLE, laisn, scores_of
 
 DVL_NAVIGATOR = (
@@ -102,6 +102,31 @@ def test_an_imported_table_has_the_measurements_of_the_table(tmp_path: Path) -> 
         np.testing.assert_allclose(
             getattr(imported, name), getattr(measured, name), rtol=1e-12, err_msg=name
         )
+
+
+@pytest.mark.system
+def test_slots_give_the_same_measurements_by_table_and_logs(tmp_path: Path) -> None:
+    """The table, the log of the simulator and the log of the imported table, whose importer does
+    not know of the slots, are the same to a navigator that a replay gives the slots.
+    """
+    folder = tmp_path / "data"
+    options = ("--mission", "slots", "--seeds", 1, "--seconds", 60, "--workers", 1)
+    laisn("bench-data", folder, *options, "--format", "mcap")
+    run = folder / "measurements" / "slots" / "01"
+    measured = read_measurements(run / "follower.csv")
+    laisn("log", "import", run / "follower.csv", "--out", tmp_path / "run.mcap")
+    task = load_scenario(str(folder / "tasks" / "slots.toml"), ())
+    pings = Pings(task.acoustics.ping_slot_s, task.acoustics.sound_speed_m_s)
+    assert pings.slot_s > 0.0
+    for path in (run / "measurements.mcap", tmp_path / "run.mcap"):
+        logged, remarks, time_s = read_recording(path, pings=pings)
+        assert remarks == ()
+        np.testing.assert_array_equal(time_s, np.round(measured.time, 6))
+        np.testing.assert_array_equal(logged.message_step, measured.message_step)
+        for name in ("speed", "heading", "depth", "ranges", "message"):
+            np.testing.assert_allclose(
+                getattr(logged, name), getattr(measured, name), rtol=1e-12, err_msg=name
+            )
 
 
 def test_a_mission_of_two_transmitters_has_no_column_of_the_third() -> None:

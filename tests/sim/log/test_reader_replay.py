@@ -18,7 +18,7 @@ from laisn.messages import LeaderMessage
 from laisn_sim.cli.main import app
 from sim.log.contents import LogError
 from sim.log.export import export
-from sim.log.reader import read, read_recording
+from sim.log.reader import Pings, read, read_recording
 from sim.log.schema import OWN_MOTION, PLACED_RECEPTION, RECEPTION, RecordType, message_class_of
 
 LEADER_AT_ORIGIN = dict.fromkeys(
@@ -509,3 +509,33 @@ def test_times_of_messages_count_from_the_start_by_whichever_clock(
     log = write_messages(tmp_path / "a.mcap", motion_at(0.05 * np.arange(100)), receptions)
     measured = read_recording(log, "auv").measurements
     np.testing.assert_allclose(measured.message[:, 0], expected, rtol=0.0, atol=2e-6)
+
+
+def test_receptions_are_complete_when_their_last_ping_arrives(tmp_path: Path) -> None:
+    """Pings leave 0.2 s apart and travel 0.1 s: a message of 1.0 s that a log has at 1.1 s is
+    complete at 1.3 s, and one whose front range was lost at 1.1 s.
+    """
+    receptions = [reception_at(time_s) for time_s in (1.1, 3.1, 5.3)]
+    for (_, fields), stamp in zip(receptions, (1.0, 3.0, 5.0), strict=True):
+        fields.update(leader_timestamp=1.7e9 + stamp, range_rear=150.0, range_front=150.0)
+    receptions[1][1]["range_front"] = np.nan
+    log = write_messages(tmp_path / "a.mcap", motion_at(np.arange(100) / 10), receptions)
+    measured, remarks, _ = read_recording(log, "auv", pings=Pings(0.2, 1500.0))
+    # steps end at 0.0, 0.1 … s
+    assert measured.message_step.tolist() == [14, 32, 54]
+    assert not any("older than sound" in remark for remark in remarks)
+    # as recorded without slots, which the lag of the last does not explain
+    assert read_recording(log, "auv").measurements.message_step.tolist() == [12, 32, 54]
+
+
+def test_slots_count_in_the_offset_of_another_clock(tmp_path: Path) -> None:
+    """Of messages that are complete 0.2, 0.3 and 0.2 s after their first ping the least is that
+    of the slots.
+    """
+    receptions = [reception_at(time_s) for time_s in (1.2, 3.3, 5.2)]
+    for (_, fields), stamp in zip(receptions, (501.0, 503.0, 505.0), strict=True):
+        fields["leader_timestamp"] = stamp
+    log = write_messages(tmp_path / "a.mcap", motion_at(np.arange(100) / 10), receptions)
+    measured = read_recording(log, "auv", pings=Pings(0.2, 1500.0)).measurements
+    # the first step of 0.1 s begins before the first message of own motion
+    np.testing.assert_allclose(measured.message[:, 0], [1.1, 3.1, 5.1], atol=2e-6)
