@@ -18,11 +18,11 @@ from sim.datasets.field_map import (
     GeodeticOrigin,
     require_complete,
 )
-from sim.datasets.range_data import LARGEST_NUMBER
 from sim.datasets.table_columns import (
     Column,
     Columns,
     cells_of,
+    clock_numbers,
     column_numbers,
     quantity_of,
     times_of,
@@ -170,6 +170,7 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
     times = words(clock)
     time, has_dates = times_of(times, clock.column, clock.unit, f"{path}, column {clock.column}")
     raw = dict[str, Floats]()
+    has_leader_dates = False
     for field, entry in field_map.entries.items():
         if field == "time":
             continue
@@ -178,16 +179,27 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
             continue
         mask = _chosen(entry, rows, column_index)
         cells = [word if is_read else "" for word, is_read in zip(words(entry), mask, strict=True)]
-        # a bound in seconds holds once the unit is known
-        largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
-        raw[field] = column_numbers(cells, f"{path}, column {entry.column}", largest)
+        location = f"{path}, column {entry.column}"
+        if field == TIMESTAMP:
+            raw[field], has_leader_dates = clock_numbers(cells, location)
+        else:
+            raw[field] = column_numbers(cells, location)
     origin = _origin(field_map, raw)
     fields = dict[str, Column]()
     for field, values in raw.items():
         entry = field_map.entries[field]
         header = field if entry.column is None else entry.column
         location = f"{path}, column {header}"
-        if entry.value is None:
+        if field == TIMESTAMP and has_leader_dates:
+            fields[field] = Column(
+                header=header,
+                field=field,
+                unit="us",
+                values=values,
+                where=location,
+                has_dates=True,
+            )
+        elif entry.value is None:
             fields[field] = _column(field_map, field, header, values, origin, location)
         else:
             si = quantity_of(field).si

@@ -87,6 +87,7 @@ class Column:
     unit: str  # as the header states it; "" without one
     values: Floats  # shape (n,); NaN where a cell is empty
     where: str  # file and column, for messages
+    has_dates: bool = False  # they are dates, converted to us since 1970
 
     @property
     def quantity(self) -> Quantity:
@@ -173,14 +174,20 @@ def _require_columns(path: Path, fields: Mapping[str, int], headers: Sequence[st
 
 
 def _dates(words: Sequence[str]) -> Floats | None:
-    """Times since 1970 [us] of dates, which a float64 holds exactly; None if one is no date."""
+    """Times since 1970 [us] of dates, which a float64 holds exactly, NaN for empty cells; None if
+    one is no date.
+    """
     epoch = datetime(1970, 1, 1, tzinfo=UTC)
+    times = np.full(len(words), np.nan)
     try:
-        dates = [datetime.fromisoformat(word.strip()) for word in words]
+        for row, word in enumerate(words):
+            if word.strip():
+                date = datetime.fromisoformat(word.strip())
+                span = date.replace(tzinfo=date.tzinfo or UTC) - epoch
+                times[row] = round(span.total_seconds() * 1e6)
     except ValueError:
         return None
-    elapsed = [date.replace(tzinfo=date.tzinfo or UTC) - epoch for date in dates]
-    return np.array([round(span.total_seconds() * 1e6) for span in elapsed], dtype=np.float64)
+    return times
 
 
 def column_numbers(words: Sequence[str], where: str, largest: float = LARGEST_NUMBER) -> Floats:
@@ -195,24 +202,33 @@ def column_numbers(words: Sequence[str], where: str, largest: float = LARGEST_NU
         raise
 
 
-def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
-    """The column of times, and whether they are dates."""
+def clock_numbers(words: Sequence[str], where: str) -> tuple[Floats, bool]:
+    """The times in the cells of a column, shape (n,), NaN where they are empty, and whether they
+    are dates, in us since 1970; LaisnError naming row and value of the first that is no time.
+    """
     try:
-        values = column_numbers(words, where, 1e9 * LARGEST_NUMBER)
+        # a bound in seconds holds once the unit is known
+        return column_numbers(words, where, 1e9 * LARGEST_NUMBER), False
     except LaisnError as error:
         dates = _dates(words)
         if dates is None:
             raise LaisnError(
                 f"{error}; expected numbers or dates such as 2026-05-01T12:00:00.25Z"
             ) from None
-        return Column(header=header, field="time", unit="us", values=dates, where=where), True
+        return dates, True
+
+
+def times_of(words: Sequence[str], header: str, unit: str, where: str) -> tuple[Column, bool]:
+    """The column of times, and whether they are dates."""
+    values, are_dates = clock_numbers(words, where)
     missing = np.flatnonzero(~np.isfinite(values))
     if missing.size:
         cell = shortened(printable(words[int(missing[0])].strip()), _MAX_CHARACTERS)
         raise LaisnError(
             f"{where}, row {missing[0] + 1}: expected a time in each row (given: {cell!r})"
         )
-    return Column(header=header, field="time", unit=unit, values=values, where=where), False
+    unit = "us" if are_dates else unit
+    return Column(header=header, field="time", unit=unit, values=values, where=where), are_dates
 
 
 def read_columns(path: Path) -> Columns:
@@ -247,11 +263,19 @@ def read_columns(path: Path) -> Columns:
     fields = dict[str, Column]()
     for field, i in index.items():
         where = f"{path}, column {headers[i]}"
-        # a bound in seconds holds once the unit is known
-        largest = 1e9 * LARGEST_NUMBER if field == TIMESTAMP else LARGEST_NUMBER
-        values = column_numbers(words(i), where, largest)
+        unit = fields_and_units[i][1]
+        are_dates = False
+        if field == TIMESTAMP:
+            values, are_dates = clock_numbers(words(i), where)
+        else:
+            values = column_numbers(words(i), where)
         fields[field] = Column(
-            header=headers[i], field=field, unit=fields_and_units[i][1], values=values, where=where
+            header=headers[i],
+            field=field,
+            unit="us" if are_dates else unit,
+            values=values,
+            where=where,
+            has_dates=are_dates,
         )
     unused = tuple(
         header for header, (field, _) in zip(headers, fields_and_units, strict=True) if not field

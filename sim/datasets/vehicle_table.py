@@ -93,7 +93,8 @@ def _si(
         if "depth" in column.field:
             require_depths(column.where, values)
         table[column.field] = values
-        remarks.append(f"{column.header.strip()}: {column.field} in {unit}")
+        words = DATES if column.has_dates else unit
+        remarks.append(f"{column.header.strip()}: {column.field} in {words}")
 
     for field, column in columns.fields.items():
         if field == TIMESTAMP:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from laisn.errors import LaisnError
+from sim.datasets.field_map import read_map
 from sim.datasets.log import write_vehicle_table
 from sim.datasets.vehicle_table import VehicleTable, read_vehicle_table
 from sim.log.reader import read_recording
@@ -244,3 +245,59 @@ def test_remarks_after_repeated_rows_count_all_rows(tmp_path: Path) -> None:
     lines = noisy_lines()
     table = read(tmp_path, [*lines[:500], *lines[480:600], *lines[650:]])
     assert any("5.1 s after row 620" in remark for remark in table.remarks), table.remarks
+
+
+def dated(seconds: str) -> str:
+    """Seconds since a noon as a date, with an offset of an hour from UTC."""
+    return f"2024-05-01T13:{float(seconds) // 60:02.0f}:{float(seconds) % 60:06.3f}+01:00"
+
+
+MAP_OF_DATES = """
+time = {column = "clock"}
+speed = {column = "v", unit = "m/s"}
+heading = {column = "h", unit = "deg"}
+depth = {column = "d", unit = "m"}
+leader_timestamp = {column = "sent"}
+leader_east = {column = "e", unit = "m"}
+leader_north = {column = "n", unit = "m"}
+leader_heading = {column = "c", unit = "deg"}
+leader_speed = {column = "s", unit = "m/s"}
+leader_depth = {column = "b", unit = "m"}
+range_rear = {column = "r", unit = "m"}
+"""
+
+
+@pytest.mark.parametrize("by_map", [False, True])
+def test_the_leaders_clock_may_be_dates(tmp_path: Path, by_map: bool) -> None:
+    """Messages are sent 1.5 s before they are written: both clocks are the same, so that they count
+    from then and the travel time.
+    """
+    lines = []
+    for line in table_lines(leader_clock=lambda time: time - 1.5):
+        cells = line.split(",")
+        cells[0] = dated(str(float(cells[0]) + 60.0))
+        cells[4] = cells[4] and dated(str(float(cells[4]) + 60.0))
+        lines.append(",".join(cells))
+    header = HEADER.replace(" [s]", "")
+    if by_map:
+        header = "clock,v,h,d,sent,e,n,c,s,b,r"
+        (tmp_path / "map.toml").write_text(MAP_OF_DATES, encoding="utf-8")
+    path = tmp_path / "mine.csv"
+    path.write_text("\n".join([header, *lines]), encoding="utf-8")
+    table = read_vehicle_table(path, read_map(tmp_path / "map.toml") if by_map else None)
+    is_received = np.isfinite(table.columns["range_rear"])
+    # noon is 1714564800 s after 1970 began; the first message is written 61 s later
+    sent = 1714564800.0 + 59.5 + np.arange(100)
+    np.testing.assert_allclose(table.columns["leader_timestamp"][is_received], sent, atol=1e-5)
+    received = table.reception_ns[is_received] / 1e9
+    np.testing.assert_allclose(received, sent + TRAVEL_S, rtol=0, atol=1e-5)
+    assert any("leader_timestamp in dates (UTC)" in remark for remark in table.remarks)
+
+
+def test_a_leaders_clock_that_is_neither_number_nor_date_is_named(tmp_path: Path) -> None:
+    lines = table_lines()
+    lines[9] = lines[9].replace(",1.000,", ",noon,", 1)
+    with pytest.raises(
+        LaisnError, match=r"column leader_timestamp \[s\], row 10: .*; expected numbers or dates"
+    ):
+        read(tmp_path, lines)
