@@ -414,12 +414,10 @@ def not_finite(fitted: Fitted, vehicle: int, water: HullFlow) -> Iterator[tuple[
             continue
         kind = kind_of(record)
         state = float(fitted.states[vehicle, j]) if j < fitted.states.shape[1] else 0.0
-        # as the kind was compiled alone
-        alone = np.zeros((1, 1), EFFECTOR)
-        alone[0, 0] = record
-        alone["kind"] = 0
-        loads = effector_wrench(Fitted((kind,), alone, np.array([[state]])), 0, water)
-        force, moment = np.add(loads[:2], loads[2:]).tolist()
+        # the method itself: numba takes classes of one name for each other within tuples
+        kind_class: Any = type(kind)
+        load = _compiled_method(kind_class, "load")(kind, record, state, water)
+        force, moment = np.array(load, dtype=np.float64).tolist()
         if not np.isfinite([state, *force, *moment]).all():
             yield (
                 j,
