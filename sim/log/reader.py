@@ -490,7 +490,7 @@ class Pings(NamedTuple):
         `stamps` are the times at which the first ones leave.
         """
         ways = self.slot_s * np.arange(ranges.shape[1]) + ranges / self.sound_m_s
-        return stamps + np.max(np.nan_to_num(ways, nan=-np.inf), axis=1)
+        return np.asarray(stamps + np.max(np.nan_to_num(ways, nan=-np.inf), axis=1))
 
 
 def _heard(heard_ns: Ints, stamps: Floats, ranges: Floats, pings: Pings) -> Ints:
