@@ -73,10 +73,14 @@ def plugin_files() -> dict[str, Path]:
     return {file.stem: file for file in files}
 
 
-def plugin_options() -> list[str]:
-    """Options of a command that load these plugins; files below the current folder from there."""
+def plugin_options(text: str) -> list[str]:
+    """Options of a command that load the plugins whose classes a text names; files below the
+    current folder from there.
+    """
     here = Path.cwd()
-    files = plugin_files().values()
+    files = [
+        file for name, file in plugin_files().items() if re.search(rf"\b{re.escape(name)}:", text)
+    ]
     paths = [file.relative_to(here) if file.is_relative_to(here) else file for file in files]
     return [word for path in paths for word in ("--plugin", str(path))]
 

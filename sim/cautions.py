@@ -17,7 +17,7 @@ from laisn.settings import Settings
 from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.sensors import Sensors
-from sim.scenario.settings import Follower, Navigation, Scenario
+from sim.scenario.settings import Follower, Navigation
 from sim.scenario.vehicle_routes import route_of
 from sim.water.assembly import floor_of
 
@@ -25,28 +25,6 @@ _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
 # smaller changes of a range between the pings of a message need no caution: they are below the
 # random error of a good range
 _NOTICEABLE_SLOT_M = 0.003
-_OF_WATER = {
-    "density_kg_m3",
-    "density",
-    "current_speed_m_s",
-    "current_shear_per_s",
-    "current_profile",
-    "current",
-    "waves",
-}
-"""Keys of a sea on which the paper's point motion does not depend."""
-_OF_BODIES = {
-    "trim",
-    "excess_buoyancy_n",
-    "cg_offset_x_m",
-    "cg_offset_z_m",
-    "drag_scale",
-    "added_mass_scale",
-    "lift_scale",
-    "thrust_scale",
-    "depth_control",
-}
-"""The same of vehicles."""
 _INSTANTS = 200  # instants at which distances are looked at
 
 
@@ -104,18 +82,6 @@ def _planned_distances(plan: MissionPlan) -> Floats:
 def _broadcast_errors(sensing: SensingSettings) -> Sensors:
     """`[sensors]` with what the leader's own table sets of the errors of its messages."""
     return sensing.sensors_of(follower=0)
-
-
-def effect_cautions(scenario: Scenario) -> list[str]:
-    """A line that names keys which are set and have no effect, as they are of bodies in water and
-    vehicles move as points.
-    """
-    if scenario.motion == "physics":
-        return []
-    keys = [f"ocean.{key}" for key in scenario.ocean.changed_keys() if key in _OF_WATER]
-    for name, vehicle in scenario.vehicles():
-        keys += [f"{name}.{key}" for key in vehicle.changed_keys() if key in _OF_BODIES]
-    return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 
 def _current(sensing: SensingSettings, _: Settings) -> str:

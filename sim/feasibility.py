@@ -14,7 +14,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name, kept_with_plugins
 from sim.assembly import are_at_baseline_and_offset, routes_of, setups_of
-from sim.cautions import assumption_cautions, effect_cautions
+from sim.cautions import assumption_cautions
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
     INCIDENCE_MAX,
@@ -78,6 +78,28 @@ from sim.water.assembly import (
 MAX_INSTANTS = 2_100_000
 MAX_PHYSICS_STEPS = 200_000_000  # physics steps times vehicles, about an hour on one core
 MAX_PIXELS = 120_000_000_000  # of a film: 72 minutes at 1280 × 720 and 30 Hz
+_OF_WATER = {
+    "density_kg_m3",
+    "density",
+    "current_speed_m_s",
+    "current_shear_per_s",
+    "current_profile",
+    "current",
+    "waves",
+}
+"""Keys of a sea on which the paper's point motion does not depend."""
+_OF_BODIES = {
+    "trim",
+    "excess_buoyancy_n",
+    "cg_offset_x_m",
+    "cg_offset_z_m",
+    "drag_scale",
+    "added_mass_scale",
+    "lift_scale",
+    "thrust_scale",
+    "depth_control",
+}
+"""The same of vehicles."""
 
 
 def film_errors(duration_s: float, video: Video) -> list[str]:
@@ -526,12 +548,24 @@ def _transmitters_off_axis(plan: MissionPlan, leader: Leader) -> list[str]:
     ]
 
 
+def effect_cautions(motion: MotionSettings) -> list[str]:
+    """A line that names keys which are set and have no effect, as they are of bodies in water and
+    vehicles move as points.
+    """
+    if motion.kind == "physics":
+        return []
+    keys = [f"ocean.{key}" for key in motion.sea.ocean.changed_keys() if key in _OF_WATER]
+    for name, vehicle in motion.plan.vehicles():
+        keys += [f"{name}.{key}" for key in vehicle.changed_keys() if key in _OF_BODIES]
+    return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
+
+
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
     sensing_of = sensing_of_each(scenario)
-    remarks = effect_cautions(scenario)
+    remarks = effect_cautions(MotionSettings.of(scenario))
     for i, sensing in enumerate(sensing_of):
         if i == 0 or sensing is not sensing_of[0]:
             remarks += assumption_cautions(sensing, scenario.navigation_of(i))

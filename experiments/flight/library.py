@@ -12,7 +12,6 @@ from typing import Any
 
 from laisn.errors import printable, shortened
 from laisn.navigators import NAVIGATORS
-from laisn.plugins import plugin_options
 from sim.scenario.file import (
     LARGEST_BYTES,
     Location,
@@ -179,14 +178,16 @@ def text_of(value: object) -> str:
     return repr(value)
 
 
-def fly_line(source: str, settings: Mapping[str, Any], run: int) -> str:
+def fly_line(
+    source: str, settings: Mapping[str, Any], run: int, options: Iterable[str] = ()
+) -> str:
     """The command that flies one run of a scenario with other settings, alone and with the very
-    same noise.
+    same noise, with other options first.
     """
     changes = (
         word for key, value in settings.items() for word in ("--set", f"{key}={text_of(value)}")
     )
-    return shlex.join(["laisn", "fly", source, *plugin_options(), "--run", str(run), *changes])
+    return shlex.join(["laisn", "fly", source, *options, "--run", str(run), *changes])
 
 
 def descriptions() -> dict[str, str]:

@@ -148,7 +148,8 @@ def commands(plan: StudyPlan, results: Results) -> str:
                 lines.append(f"# laisn fly has no {altered_by}: only the study flies it")
                 continue
             measured = _measured(results, condition, entry)
-            lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run))
+            options = plugin_options(entry.scenario.model_dump_json())
+            lines.append(fly_line(entry.source, entry.settings_at(run) | measured, run, options))
     return "\n".join(lines)
 
 
@@ -380,7 +381,7 @@ class StudyPage:
     def facts(self) -> list[tuple[str, str]]:
         """What stands beside the title."""
         seeds = [row["seed"] for rows in self.results.rows.values() for row in rows]
-        words = ["laisn", "study", "study.toml", *plugin_options()]
+        words = ["laisn", "study", "study.toml", *plugin_options(self.plan.text)]
         facts = [("scenario", ", ".join(self.study.scenarios))]
         if self.study.arms:
             facts.append(("arms", ", ".join(self.plan.arms)))

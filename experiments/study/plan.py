@@ -103,6 +103,12 @@ class StudyPlan:
         return max((tuple(f.name for f in e.scenario.followers) for e in self.entries), key=len)
 
     @property
+    def text(self) -> str:
+        """All that names classes of plugins: the study file, and its scenarios."""
+        scenarios = {entry.source: entry.scenario for entry in self.entries}.values()
+        return "\n".join([repr(self.study.table), *(s.model_dump_json() for s in scenarios)])
+
+    @property
     def cell_runs(self) -> int:
         """Runs of all followers; of arms in closed loop that fly every Nth one, these alone."""
         return sum(

@@ -40,7 +40,8 @@ from reports import page as pages
 from reports.findings import Finding, Findings, interval_finding, read_findings, record
 from reports.tables import Table
 from reports.version import code_version
-from sim.cautions import effect_cautions
+from sim.feasibility import effect_cautions
+from sim.scenario.parts import MotionSettings
 from sim.system import atomic_write
 
 if TYPE_CHECKING:
@@ -263,7 +264,8 @@ def _write_record(
         study = first.plan.study
         findings = Findings(
             study=study.name,
-            command=command or shlex.join(["laisn", "study", study.source, *plugin_options()]),
+            command=command
+            or shlex.join(["laisn", "study", study.source, *plugin_options(first.plan.text)]),
             modules=("experiments.study.study",),
             version=code_version(),
             findings=findings_of(first.plan, first.results),
@@ -317,8 +319,13 @@ def run_studies(
     quiet = options.get("quiet", False)
     workers = options.get("workers")
     plans = [plan_of(study, quiet=quiet, workers=workers) for study in studies.values()]
-    entries = (entry for plan in plans for entry in plan.entries)
-    for remark in dict.fromkeys(line for e in entries for line in effect_cautions(e.scenario)):
+    of_points = (
+        MotionSettings.of(entry.scenario)
+        for plan in plans
+        for entry in plan.entries
+        if entry.scenario.motion == "kinematic"
+    )
+    for remark in dict.fromkeys(line for motion in of_points for line in effect_cautions(motion)):
         warnings.warn(remark, WithoutEffect, stacklevel=2)
     results = fly_until_narrow(plans, folder, **options)
     _require_flown(results, package)

@@ -47,13 +47,13 @@ VEHICLES = "vehicles.json"
 SUMMARY = "summary.json"
 VERSIONS = "versions.json"
 FLIGHT = "laisn"  # metadata record that every log of a flight has
-CLOCK = "laisn clock"
+FIRST_GAP = "first_gap_ns"
+"""Key of that record in a recovered log: time before which a flight is complete [ns]."""
+CLOCK = "laisn-clock"
 """Metadata record of logs that know when their mission started, as those of the benchmark."""
 START = "start_ns"
 """Key of that record: start of the mission [ns], from which `leader_timestamp` counts."""
 _FIRST_DATE_NS = 315_532_800 * 10**9  # 1980; times of logs that are less are no dates
-FIRST_GAP = "first_gap_ns"
-"""Key of that record in a recovered log: time before which a flight is complete [ns]."""
 _INTERRUPTED = "INTERRUPTED"
 _PARTIAL = ".partial"
 _MAX_NAMED_PLACES = 10  # most damaged places that are named

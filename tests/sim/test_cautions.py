@@ -16,12 +16,11 @@ from sim.cautions import (
     clock_error_s,
     distances,
     echo_excess_m,
-    effect_cautions,
     max_range_rate,
 )
-from sim.feasibility import cautions
+from sim.feasibility import cautions, effect_cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
-from sim.scenario.parts import MissionPlan, SensingSettings, SoundSettings
+from sim.scenario.parts import MissionPlan, MotionSettings, SensingSettings, SoundSettings
 from sim.scenario.settings import Scenario
 
 NO_ERRORS = {
@@ -234,8 +233,9 @@ def test_keys_of_bodies_without_effect_on_points_are_named() -> None:
         "followers.0.drag_scale": 1.5,
         "followers.0.depth_m": 12.0,
     }
-    assert effect_cautions(scenario_of({**changes, "motion": "physics"})) == []
-    assert effect_cautions(scenario_of(changes)) == [
+    of_bodies = MotionSettings.of(scenario_of({**changes, "motion": "physics"}))
+    assert effect_cautions(of_bodies) == []
+    assert effect_cautions(MotionSettings.of(scenario_of(changes))) == [
         "without effect on motion = 'kinematic': ocean.waves, leader.excess_buoyancy_n, "
         "followers[0].drag_scale"
     ]

@@ -18,6 +18,21 @@ from sim.trajectory import tilted
 from tests.without_plugins import without_plugins
 
 ERRORS = "experiments.studies.estimators.errors"
+CLOCK_SENSOR = """
+from dataclasses import dataclass
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    name = "clock"
+    stream = 22
+    channels = {"time": "s"}
+
+    def true(self, state, environment):
+        return [state.time]
+
+    def read(self, true, draws):
+        return true
+"""
 SHORT: dict[str, Any] = {
     "scenario": "T5",
     "runs": 3,
@@ -250,25 +265,31 @@ def test_commands_load_plugins_and_leave_out_what_no_flight_can_repeat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    source = tmp_path / "own" / "reckoners.py"
+    source = tmp_path / "own" / "clocks.py"
     source.parent.mkdir()
-    source.write_text("")
+    source.write_text(CLOCK_SENSOR)
+    (tmp_path / "unused.py").write_text("")
     arms = [
         {"name": "plain"},
         {"name": "pitched", "leader_pitch_deg": 20.0},
         {"name": "drift", "disturb": {"use": f"{ERRORS}:Errors", "errors": ["drift"]}},
     ]
-    outcomes = fly_study(tmp_path, {"arm": arms})
+    (tmp_path / "own.toml").write_text(
+        '[[sensors.custom]]\nsensor = "clocks:Clock"\n[[followers]]\nroute = "T5"\n'
+    )
     with without_plugins():
         load_plugin(source)
+        load_plugin(tmp_path / "unused.py")
+        outcomes = fly_study(tmp_path, {"arm": arms, "scenario": "own.toml"})
         lines = commands(outcomes.plan, outcomes.results).splitlines()
         page = StudyPage(plan=outcomes.plan, results=outcomes.results, failures={})
         facts = dict(page.facts)
     assert [line.startswith("laisn fly") for line in lines[1::2]] == [True] * 2 + [False] * 4
-    assert all(line.startswith("laisn fly T5 --plugin own/reckoners.py ") for line in lines[1:4:2])
+    command = "laisn fly own.toml --plugin own/clocks.py --run"
+    assert all(line.startswith(command) for line in lines[1:4:2])
     assert "no leader_pitch_deg" in lines[5]
     assert "no disturb" in lines[9]
-    assert facts["repeat it"].startswith("laisn study study.toml --plugin own/reckoners.py")
+    assert facts["repeat it"].startswith("laisn study study.toml --plugin own/clocks.py")
     # the worst place is one that a flight cannot repeat
     errors = {row["arm"]: row["e_p_mean_m"] for row in outcomes.rows}
     assert max(errors, key=errors.__getitem__) == "pitched"

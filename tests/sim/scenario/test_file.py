@@ -367,7 +367,7 @@ CURRENT = {"ocean": {"current_profile": [[0, 0, 0], [10, 0.2, 0]]}}
     [
         ({}, []),
         (CURRENT, ["there is a current; navigator 'laisn-2' assumes still water"]),
-        ({**CURRENT, "motion": "kinematic"}, []),
+        ({**CURRENT, "motion": "kinematic"}, ["without effect on motion = 'kinematic'"]),
         (
             {**CURRENT, "navigation": {"variant": "tight"}},
             ["navigation.assume.current = false assumes still water"],
