@@ -230,8 +230,8 @@ class _Cache(FunctionCache):
         return self._custom_caches[custom]
 
     def load_overload(self, sig: object, target_context: object) -> Any:
-        """The stored code of a signature; None if there is none, and for a caller, into which the
-        function is compiled.
+        """The stored code of a signature; None if there is none, or if compiled code calls the
+        function, which is then compiled with its caller.
         """
         if has_callers():
             return None

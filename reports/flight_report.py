@@ -32,7 +32,13 @@ from reports.page import (
     words,
     write,
 )
-from reports.range_budget import LABELS, Cause, RangeErrorBudget, range_error_budget
+from reports.range_budget import (
+    LABELS,
+    NO_BUDGET,
+    Cause,
+    RangeErrorBudget,
+    range_error_budget,
+)
 from reports.scene.mission import Scene, scene_of
 from reports.summary import (
     approach_events,
@@ -152,6 +158,7 @@ def range_budget(flight: FlightRecord) -> dict[str, Any]:
     legend = legend_of([cause for cause in CAUSE_COLOURS if cause in causes])
     return {
         "silent": silent,
+        "no_budget": NO_BUDGET,
         "figure": Figures(panels=panels, legend=legend) if panels else None,
         "note": ""
         if len(names) <= _BUDGET_FOLLOWERS

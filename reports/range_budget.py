@@ -42,6 +42,8 @@ class Cause(IntEnum):
     DEPTH = 7
 
 
+NO_BUDGET = "received no ping, or navigates on answers, of which there is no budget"
+"""Of a follower without a finite range error."""
 LABELS = {cause: cause.name.lower().replace("_", " ") for cause in Cause} | {
     Cause.MOTION: "travel time and motion",
     Cause.RANDOM: "random error",

@@ -88,18 +88,6 @@ _OF_WATER = {
     "waves",
 }
 """Keys of a sea on which the paper's point motion does not depend."""
-_OF_BODIES = {
-    "trim",
-    "excess_buoyancy_n",
-    "cg_offset_x_m",
-    "cg_offset_z_m",
-    "drag_scale",
-    "added_mass_scale",
-    "lift_scale",
-    "thrust_scale",
-    "depth_control",
-}
-"""The same of vehicles."""
 
 
 def film_errors(duration_s: float, video: Video) -> list[str]:
@@ -556,7 +544,7 @@ def effect_cautions(motion: MotionSettings) -> list[str]:
         return []
     keys = [f"ocean.{key}" for key in motion.sea.ocean.changed_keys() if key in _OF_WATER]
     for name, vehicle in motion.plan.vehicles():
-        keys += [f"{name}.{key}" for key in vehicle.changed_keys() if key in _OF_BODIES]
+        keys += [f"{name}.{key}" for key in vehicle.changed_keys() if key in HULL_KEYS]
     return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 

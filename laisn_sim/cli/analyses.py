@@ -123,7 +123,7 @@ def range_budget(
     from experiments.flight.results import flight_of
     from laisn.messages import Ranges
     from reports.flight_report import share_table
-    from reports.range_budget import range_error_budget
+    from reports.range_budget import NO_BUDGET, range_error_budget
 
     output = optional_output(out, [".csv", ".parquet"], [Path(source)])
     flight = flight_of(source, set_ or ())
@@ -132,8 +132,7 @@ def range_budget(
     for i, name in enumerate(flight.trajectory.names[1:]):
         budget = range_error_budget(flight, i)
         if not np.isfinite(budget.error).any():
-            text = f"{name} received no ping, or navigates on answers, of which there is no budget"
-            print_line(console, text, "note:")
+            print_line(console, f"{name} {NO_BUDGET}", "note:")
             continue
         shares = share_table(budget)
         lines = [[cell.text for cell in row] for row in shares.rows]
