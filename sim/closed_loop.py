@@ -52,7 +52,14 @@ from sim.scenario.links import LEADER_LINK
 from sim.scenario.parts import LinkSettings, MotionSettings, SensingSettings, sensing_of_each
 from sim.scenario.settings import Leader, Navigation, Scenario
 from sim.scenario.vehicles import Follower
-from sim.sensing import observation, proximity
+from sim.sensing import (
+    measurement_record,
+    observation,
+    own_sensors,
+    proximity,
+    reception,
+    sensor_model,
+)
 from sim.sensing.acoustics import TRANSMITTERS, Motion, Sites
 from sim.sensing.links import broadcast_offsets, further_links, navigated_link
 from sim.sensing.sensors import custom_sensors, update_tilt_error
@@ -78,7 +85,7 @@ class ClosedLoopState(NamedTuple):
 
     formations: Records  # settings of `[formation]`, as each follower's hull can do it, shape (f,)
     proximity: Record  # settings of `[formation.proximity]`
-    sensors: observation.SensorModel
+    sensors: sensor_model.SensorModel
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: Bools  # whether the navigator of each follower estimates a current, (f,)
@@ -91,12 +98,12 @@ class ClosedLoopState(NamedTuple):
     stations: Records  # of STATION, shape (f,)
     sites: Sites  # offsets of the transmitters and of the hydrophones of the followers [m]
     depth_sensors: Floats  # offsets of the followers' pressure sensors, shape (f, 3), [m]
-    instrument_noise: observation.InstrumentNoise  # of the followers' own sensors
+    instrument_noise: own_sensors.InstrumentNoise  # of the followers' own sensors
     # control of the leader and of followers that steer by the truth; it holds all commands
     routes: RouteControl
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
     reading_values: Floats  # the same memory as numbers, shape (f, 6)
-    inbox: observation.Inbox  # what each follower has received
+    inbox: reception.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
     # what accelerations add to the leader's measured pitch and roll at each instant, shape
     # (instants, 2), [rad]; NaN where its messages do not hold them
@@ -109,7 +116,7 @@ class ClosedLoopState(NamedTuple):
     memory: Records  # memory of each follower, of FOLLOWER_MEMORY, shape (f,)
     # reference of the autopilot of one follower at a time, of REFERENCE, shape (1,)
     reference: Records
-    measured: observation.MeasurementRecord  # what each follower has read and received
+    measured: measurement_record.MeasurementRecord  # what each follower has read and received
     concluded: SwarmRecord  # what its navigator has made of it
 
 
@@ -137,7 +144,7 @@ def init_closed_loop(
     n = routes.reference.shape[0]
     sensing = sensing_of[0]
     message_every = sensing.links.message_every
-    sensors = observation.sensor_model_of(sensing, sensing_of=sensing_of)
+    sensors = sensor_model.sensor_model_of(sensing, sensing_of=sensing_of)
     steps = (n - 1) // sensors.stride
     tilts = spillable_zeros((n, 2))
     tilts[:] = 0.0 if leader.broadcast_attitude else np.nan
@@ -161,7 +168,7 @@ def init_closed_loop(
     estimating_current = {
         key for key, table in tables.items() if "current" in table.settings().estimated
     }
-    first_message = observation.first_message(sensors, plant.pose[0], plant.twist[0], water)
+    first_message = reception.first_message(sensors, plant.pose[0], plant.twist[0], water)
     for i, follower in enumerate(followers):
         kinds[i] = _kind(follower)
         steering.init_memory(first_message, trails[i], counts[i], memory[i])
@@ -182,11 +189,11 @@ def init_closed_loop(
             hydrophones=np.array([site_offsets[f"{name}/hydrophone"] for name in names]),
         ),
         depth_sensors=np.array([site_offsets[f"{name}/depth_sensor"] for name in names]),
-        instrument_noise=observation.new_instrument_noise(f),
+        instrument_noise=own_sensors.new_instrument_noise(f),
         routes=routes,
         readings=readings,
         reading_values=numbers_of(readings),
-        inbox=observation.new_inbox(f, message_every),
+        inbox=reception.new_inbox(f, message_every),
         arrived=np.zeros(f, dtype=np.bool_),
         tilts=tilts,
         sightings=records(proximity.SIGHTING, f, f + 1),
@@ -195,7 +202,7 @@ def init_closed_loop(
         trail_counts=counts,
         memory=memory,
         reference=records(REFERENCE, 1),
-        measured=observation.MeasurementRecord.empty(f, steps, message_every),
+        measured=measurement_record.MeasurementRecord.empty(f, steps, message_every),
         concluded=SwarmRecord.empty(f, steps, messages, estimates_type, whole=whole),
     )
 
@@ -224,7 +231,7 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
     # loops of their own: what is due at each step would wait for all that a message needs at hand
     for i in range(state.kinds.size):
         body = truth.pose[k, i + 1], truth.twist[k, i + 1], truth.water[k, i + 1]
-        observation.read_instruments(
+        own_sensors.read_instruments(
             state.sensors,
             step,
             i,
@@ -237,7 +244,7 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
         _look_around(k, truth, state)
     for i in range(state.kinds.size):
         state.arrived[i] = False
-        state.inbox.outcome[i] = observation.NO_MESSAGE
+        state.inbox.outcome[i] = reception.NO_MESSAGE
         # asked here and not in `receive`: the call costs more than the comparison
         if state.inbox.earliest_step[i] <= step:
             _receive(k, i, truth, state)
@@ -245,7 +252,9 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
         _extend_as_planned(k, state)
     if k > 0:
         for i in range(state.kinds.size):
-            observation.record_step(state.measured, state.inbox, step, i, state.reading_values[i])
+            measurement_record.record_step(
+                state.measured, state.inbox, step, i, state.reading_values[i]
+            )
     return k > 0
 
 
@@ -292,12 +301,12 @@ def _receive(k: int, i: int, truth: StateHistory, state: ClosedLoopState) -> Non
     """Take up the message that follower i has received by instant k, a filter step, if any."""
     step = k // state.sensors.stride
     motion = Motion(truth, 0.0, k)
-    observation.receive(state.sensors, step, i, state.sites, motion, state.tilts, state.inbox)
-    state.arrived[i] = state.inbox.outcome[i] != observation.NO_MESSAGE
+    reception.receive(state.sensors, step, i, state.sites, motion, state.tilts, state.inbox)
+    state.arrived[i] = state.inbox.outcome[i] != reception.NO_MESSAGE
     if state.arrived[i] and state.broadcast.shape[0] > 0:
         sent_message = state.broadcast[state.inbox.last_sent[i]]
         copy_values(sent_message, state.inbox.message_values[i])
-    if state.inbox.outcome[i] == observation.RECEIVED and state.kinds[i] >= ON_STATION_BY_TRUTH:
+    if state.inbox.outcome[i] == reception.RECEIVED and state.kinds[i] >= ON_STATION_BY_TRUTH:
         steering.extend_trail(
             state.formations[i],
             state.stations[i],

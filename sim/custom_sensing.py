@@ -9,7 +9,7 @@ from laisn.arrays import Floats
 from laisn.messages import SensorHeader
 from sim.attitude import body_point_in_world
 from sim.link_receiver import Hearing
-from sim.sensing import observation
+from sim.sensing import reception, sensor_model
 from sim.sensing.acoustics import Motion, site_at
 from sim.sensing.sensor import SensorDriver, VehicleState
 from sim.simulation import TICK
@@ -34,7 +34,7 @@ def _sources(hearing: Hearing | None, receiver: int, k: int) -> Floats:
     none came in.
     """
     source = np.full((1, 3, 3), np.nan)
-    if hearing is None or hearing.inbox.outcome[receiver] != observation.RECEIVED:
+    if hearing is None or hearing.inbox.outcome[receiver] != reception.RECEIVED:
         return source
     sensors = hearing.sensors
     sent_s = hearing.inbox.last_sent[receiver] * sensors.dt
@@ -53,7 +53,7 @@ class CustomSensing:
         drivers: Sequence[SensorDriver],
         carrier: Carrier,
         environment: Environment,
-        model: observation.SensorModel,
+        model: sensor_model.SensorModel,
     ) -> None:
         """Nothing is read yet; `model` gives the seed, the run and the filter step."""
         self._drivers = drivers
@@ -95,7 +95,7 @@ class CustomSensing:
         step = k // self._stride
         state = self._state(k, truth, hearing)
         is_heard = hearing is not None and (
-            hearing.inbox.outcome[carrier.receiver] == observation.RECEIVED
+            hearing.inbox.outcome[carrier.receiver] == reception.RECEIVED
         )
         readings = {}
         for driver in self._drivers:

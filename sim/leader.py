@@ -25,11 +25,9 @@ from sim.link_receiver import Fleet, Receiver, Sender
 from sim.scenario.parts import LinkSettings, SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S, Leader
 from sim.sensing import noise, sensors
-from sim.sensing.observation import (
-    MeasurementRecord,
-    leader_start,
-    sensor_model_of,
-)
+from sim.sensing.measurement_record import MeasurementRecord
+from sim.sensing.observation import leader_start
+from sim.sensing.sensor_model import sensor_model_of
 from sim.sensing.sensors import SensorErrors
 from sim.simulation import RouteControl, static_trajectory
 from sim.trajectory import StateHistory

@@ -1,6 +1,6 @@
 """What vehicles receive on further links, one instant after the other.
 
-A link's messages are received as the leader's broadcast is (`sim.sensing.observation`); here its
+A link's messages are received as the leader's broadcast is (`sim.sensing.reception`); here its
 receivers may be the leader too, its messages may hold what the sender's navigator and sensors say,
 and they may be answers, which have no schedule.
 """
@@ -16,7 +16,7 @@ from laisn.arrays import Bools, Floats, Ints
 from laisn.messages import LeaderMessage, LinkMessages, Reception
 from laisn.swarm import reception_of
 from sim.scenario.parts import SensingSettings
-from sim.sensing import observation
+from sim.sensing import measurement_record, reception, sensor_model
 from sim.sensing.acoustics import (
     Motion,
     Ping,
@@ -29,7 +29,7 @@ from sim.sensing.acoustics import (
 )
 from sim.sensing.links import AT_REST, Link
 from sim.sensing.noise import Address
-from sim.sensing.observation import listener_of
+from sim.sensing.reception import listener_of
 from sim.sensing.sensors import update_tilt_error
 from sim.trajectory import StateHistory
 from sim.water.rays import Path
@@ -46,14 +46,14 @@ class Hearing(NamedTuple):
     them.
     """
 
-    sensors: observation.SensorModel
+    sensors: sensor_model.SensorModel
     motion: StateHistory  # of all vehicles, the sender first
     sites: Sites
     # what accelerations add to the sender's measured pitch and roll, shape (n + 1, 2), [rad]
     tilts: Floats
-    inbox: observation.Inbox
+    inbox: reception.Inbox
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
-    measured: observation.MeasurementRecord
+    measured: measurement_record.MeasurementRecord
     places: Floats | None  # of beacons, as of `Link`
 
 
@@ -130,7 +130,7 @@ class Receiver:
         leader = 0 in link.receivers
         receivers = fleet.followers + leader
         vehicles = fleet.followers + 1 + leader
-        sensors = observation.sensor_model_of(
+        sensors = sensor_model.sensor_model_of(
             sensing, link, leader_receives=leader, sensing_of=fleet.navigated
         )
         steps = (fleet.instants - 1) // sensors.stride
@@ -144,9 +144,9 @@ class Receiver:
             motion=StateHistory.empty(fleet.instants, vehicles, 0),
             sites=Sites(link.sites, fleet.hydrophones[:receivers]),
             tilts=np.full((fleet.instants, 2), tilt),
-            inbox=observation.new_inbox(receivers, link.every),
+            inbox=reception.new_inbox(receivers, link.every),
             arrived=np.zeros(receivers, dtype=np.bool_),
-            measured=observation.MeasurementRecord.empty(receivers, steps, link.every),
+            measured=measurement_record.MeasurementRecord.empty(receivers, steps, link.every),
             places=link.places,
         )
         self._sensor_models = [sensors] * receivers
@@ -179,7 +179,7 @@ class Receiver:
             pose = hearing.motion.pose[:, 0]
             update_tilt_error(s.tilt_gain, k, pose, hearing.motion.twist[:, 0], hearing.tilts)
         hearing.arrived[:] = False
-        hearing.inbox.outcome[:] = observation.NO_MESSAGE
+        hearing.inbox.outcome[:] = reception.NO_MESSAGE
 
     def receive(self, k: int, receivers: Sequence[int]) -> None:
         """Receive what is in at instant k, a filter step, by the numbers of receivers."""
@@ -195,10 +195,10 @@ class Receiver:
         if inbox.earliest_step[i] > step:
             return False
         motion_so_far = Motion(hearing.motion, 0.0, k)
-        observation.receive(
+        reception.receive(
             self._sensor_models[i], step, i, hearing.sites, motion_so_far, hearing.tilts, inbox
         )
-        return bool(inbox.outcome[i] != observation.NO_MESSAGE)
+        return bool(inbox.outcome[i] != reception.NO_MESSAGE)
 
     def sent_time(self, i: int) -> float:
         """When the last message of a receiver left [s]."""
@@ -303,7 +303,7 @@ def _request_arrival(requests: Hearing, i: int, k: int) -> _Request | None:
     is lost.
     """
     inbox = requests.inbox
-    if inbox.outcome[i] != observation.RECEIVED or math.isnan(inbox.ranges[i, 0]):
+    if inbox.outcome[i] != reception.RECEIVED or math.isnan(inbox.ranges[i, 0]):
         return None
     s = requests.sensors
     sent_time = float(inbox.last_sent[i] * s.dt)
@@ -394,18 +394,18 @@ class AnswerReceiver(Receiver):
         emission_step = math.floor(answer.sent_time / s.dt + 1e-6)
         content = np.empty(len(LeaderMessage._fields))
         true = np.empty((3, 3))  # ranges by transmitter and `Path` [m]
-        sender = observation.sender_at(
+        sender = reception.sender_at(
             s, emission_step, emission_step * s.stride, hearing.motion, hearing.tilts
         )
         e = s.errors[i]
-        observation.true_reception(s, e, sender, step, pings, content, true)
+        reception.true_reception(s, e, sender, step, pings, content, true)
         east, north, _ = site_at(s.sound.on_grid, motion, 0, (0.0, 0.0, 0.0), answer.sent_time)
         content[TIME] = answer.sent_time
         content[EAST] = east
         content[NORTH] = north
         address = Address(s.seed, s.run, int(s.noise_numbers[i]), emission_step)
         inbox = hearing.inbox
-        observation.read_reception(
+        reception.read_reception(
             e,
             (int(s.transmitters[i]), s.dt),
             (address, address._replace(step=step)),

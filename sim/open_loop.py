@@ -12,7 +12,8 @@ from laisn.swarm import SwarmRecord
 from sim.flight import FlightRecord, Termination, navigate, navigation_settings
 from sim.scenario.parts import sensing_of_each
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.sensing.observation import MeasurementRecord, start_of
+from sim.sensing.measurement_record import MeasurementRecord
+from sim.sensing.observation import start_of
 from sim.sensing.under_way import FollowerSensing, SenderMotion
 from sim.system import signals_after
 from sim.trajectory import StateHistory, Trajectory

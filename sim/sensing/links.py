@@ -2,7 +2,7 @@
 
 The leader's broadcast is one link, a second leader another, and beacons at rest that ping in turn
 are a third (long baseline). What is sensed of a link is computed by one set of functions
-(`observation`), which find the sender as the first vehicle of a motion: `Link.motion_of` puts it
+(`reception`), which find the sender as the first vehicle of a motion: `Link.motion_of` puts it
 there. The noise of the main link is that of the leader's broadcast, so that links compare in pairs;
 further links have noise of their own. An answer to messages of another link has no schedule
 (`sim.link_receiver`).

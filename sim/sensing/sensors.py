@@ -2,7 +2,7 @@
 which they read.
 
 Sensors are declared as `sim.sensing.sensor.Sensor`. One set of formulas of numbers serves closed
-loops, finished missions (both by `sim.sensing.observation`) and runs side by side
+loops, finished missions (both by `sim.sensing.own_sensors` and `reception`) and runs side by side
 (`experiments.campaign.lane_flight`). `e` is a record of ERRORS or `SensorErrors`. Further sensors
 of a follower come from tables `[[sensors.custom]]` of a scenario.
 
@@ -337,6 +337,13 @@ def _instant_of(
         (twist[3], twist[4], twist[5]),
         tilt,
     )
+
+
+@jitable
+def write_channels(values: Sequence[float], column: int, row: Floats) -> None:
+    """Write the channels of a sensor from a column on."""
+    for i in range(len(values)):
+        row[column + i] = values[i]
 
 
 @jitable

@@ -13,20 +13,20 @@ from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing import acoustics, noise, sensors
 from sim.sensing.links import navigated_link
+from sim.sensing.measurement_record import MeasurementRecord
 from sim.sensing.noise import Address
 from sim.sensing.observation import (
     LONG_MISSION_INSTANTS,
-    MeasurementRecord,
     Span,
-    new_inbox,
     new_receptions,
     read_steps,
     read_steps_compiled,
     sense_steps,
     sense_steps_compiled,
-    sensor_model_of,
 )
+from sim.sensing.reception import new_inbox
 from sim.sensing.sensor import SensorDriver, VehicleState
+from sim.sensing.sensor_model import sensor_model_of
 from sim.trajectory import StateHistory, Trajectory
 from sim.water.rays import Path
 

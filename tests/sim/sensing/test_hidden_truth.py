@@ -5,6 +5,7 @@ NaN.
 
 from collections.abc import Callable
 from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from sim import closed_loop
 from sim.closed_loop import ClosedLoopState, PythonClosedLoop
 from sim.scenario.file import validate
 from sim.scenario.settings import Scenario
-from sim.sensing import observation, proximity
+from sim.sensing import observation, own_sensors, proximity, reception
 from sim.simulation import RouteControl, simulate_motion
 from sim.trajectory import StateHistory
 from sim.vehicle.plant import Plant
@@ -120,17 +121,26 @@ class Tape:
         return result
 
 
-class TapedObservation:
-    """`sim.sensing.observation` as the closed loop calls it, on a tape."""
+class Taped:
+    """A module of sensing as the closed loop calls it, with some of its functions on a tape."""
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, module: ModuleType, tape: Tape) -> None:
+        self._module = module
         self._tape = tape
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(observation, name)
+        return getattr(self._module, name)
+
+
+class TapedOwnSensors(Taped):
+    """`sim.sensing.own_sensors`."""
 
     def read_instruments(self, *arguments: Any) -> None:
-        self._tape.pass_through(lambda: observation.read_instruments(*arguments), (arguments[-1],))
+        self._tape.pass_through(lambda: own_sensors.read_instruments(*arguments), (arguments[-1],))
+
+
+class TapedReception(Taped):
+    """`sim.sensing.reception`."""
 
     def receive(self, *arguments: Any) -> None:
         inbox = arguments[-1]
@@ -141,24 +151,25 @@ class TapedObservation:
             inbox.last_sent,
             inbox.outcome,
         )
-        self._tape.pass_through(lambda: observation.receive(*arguments), targets)
+        self._tape.pass_through(lambda: reception.receive(*arguments), targets)
 
     def first_message(self, *arguments: Any) -> Any:
-        return self._tape.pass_through(lambda: observation.first_message(*arguments).copy())
+        return self._tape.pass_through(lambda: reception.first_message(*arguments).copy())
+
+
+class TapedObservation(Taped):
+    """`sim.sensing.observation`."""
 
     def start_of(self, *arguments: Any) -> Any:
         return self._tape.pass_through(lambda: observation.start_of(*arguments))
 
 
-class TapedProximity:
-    """`sim.sensing.proximity` as the closed loop calls it, on a tape."""
+class TapedProximity(Taped):
+    """`sim.sensing.proximity`."""
 
-    def __init__(self, tape: Tape) -> None:
-        self._tape = tape
+    def __init__(self, module: ModuleType, tape: Tape) -> None:
+        super().__init__(module, tape)
         self.has_sensed = False
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(proximity, name)
 
     def sense_neighbours(self, *arguments: Any) -> None:
         sightings = arguments[-1]
@@ -234,8 +245,10 @@ def test_commands_do_not_depend_on_what_is_hidden(
     }
     for name, function in in_python.items():
         monkeypatch.setattr(closed_loop, name, getattr(function, "py_func", function))
-    monkeypatch.setattr(closed_loop, "observation", TapedObservation(tape))
-    taped_proximity = TapedProximity(tape)
+    monkeypatch.setattr(closed_loop, "own_sensors", TapedOwnSensors(own_sensors, tape))
+    monkeypatch.setattr(closed_loop, "reception", TapedReception(reception, tape))
+    monkeypatch.setattr(closed_loop, "observation", TapedObservation(observation, tape))
+    taped_proximity = TapedProximity(proximity, tape)
     monkeypatch.setattr(closed_loop, "proximity", taped_proximity)
     monkeypatch.setattr(PythonClosedLoop, "_read_custom", taped_readings)
     expected = commands(world(variant, hidden_errors=False, law=law), blind=False)

@@ -13,16 +13,9 @@ from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion, Sites
 from sim.sensing.noise import Stream, normals, uniforms
-from sim.sensing.observation import (
-    NO_RANGES,
-    RECEIVED,
-    SensorModel,
-    new_inbox,
-    new_instrument_noise,
-    read_instruments,
-    receive,
-    sensor_model_of,
-)
+from sim.sensing.own_sensors import new_instrument_noise, read_instruments
+from sim.sensing.reception import NO_RANGES, RECEIVED, new_inbox, receive
+from sim.sensing.sensor_model import SensorModel, sensor_model_of
 from sim.trajectory import StateHistory
 from sim.water.floors import LevelFloor
 from tests.synthetic import make_scenario
