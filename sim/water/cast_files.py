@@ -25,6 +25,7 @@ from sim.water.field_files import (
     find_variable,
     open_dataset,
     other_quantities,
+    places_of_points,
     seconds_from_start,
     units_of,
     valid_values,
@@ -428,22 +429,13 @@ class _Layout:
         return np.atleast_1d(np.asarray(cut.values, dtype=np.float64))
 
 
-def _coordinates_along(dataset: "Dataset", dimension: str, kind: str) -> Floats | None:
-    """Longitudes (X) or latitudes (Y) of the points of a dimension; None: there are none."""
-    for name in dataset.variables:
-        variable = dataset[name]
-        if variable.dims == (dimension,) and axis_kind(variable) == kind:
-            return np.asarray(variable.values, dtype=np.float64)
-    return None
-
-
 def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     """X, Y, Z or T of each dimension of a variable; P: along which there are casts."""
     kinds = {}
     for dimension in map(str, variable.dims):
         kind = axis_kind(dataset[dimension]) if dimension in dataset.coords else ""
         # each point along the dimension has its own longitude and latitude
-        has_places = all(_coordinates_along(dataset, dimension, axis) is not None for axis in "XY")
+        has_places = all(places_of_points(dataset, axis, [dimension]) is not None for axis in "XY")
         kinds[dimension] = "P" if has_places and kind not in ("X", "Y", "Z") else kind
     unknown = [dimension for dimension, kind in kinds.items() if kind == ""]
     if "Z" not in kinds.values() and unknown:
@@ -453,19 +445,20 @@ def _kinds(dataset: "Dataset", variable: "DataArray") -> dict[str, str]:
     return kinds
 
 
-def _places(dataset: "Dataset", kinds: dict[str, str], cast_dimensions: tuple[str, ...]) -> _Places:
+def _places(dataset: "Dataset", cast_dimensions: tuple[str, ...]) -> _Places:
+    """Where casts are, by coordinates of one dimension or, of a curvilinear grid, of two."""
     sizes = tuple(dataset.sizes[dimension] for dimension in cast_dimensions)
-    missing = np.full(sizes, np.nan)
-    latitude = longitude = missing
-    for axis, dimension in enumerate(cast_dimensions):
-        shape = [1] * len(sizes)
-        shape[axis] = -1
-        latitudes = _coordinates_along(dataset, dimension, "Y")
-        longitudes = _coordinates_along(dataset, dimension, "X")
-        if kinds[dimension] in "YP" and latitudes is not None:
-            latitude = np.broadcast_to(latitudes.reshape(shape), sizes)
-        if kinds[dimension] in "XP" and longitudes is not None:
-            longitude = np.broadcast_to(longitudes.reshape(shape), sizes)
+    degrees = []
+    for kind in "YX":
+        places = places_of_points(dataset, kind, cast_dimensions)
+        if places is None:
+            degrees.append(np.full(sizes, np.nan))
+            continue
+        along = [dimension for dimension in cast_dimensions if dimension in places.dims]
+        shape = [sizes[i] if d in along else 1 for i, d in enumerate(cast_dimensions)]
+        values = np.asarray(places.transpose(*along).values, dtype=np.float64)
+        degrees.append(np.broadcast_to(values.reshape(shape), sizes))
+    latitude, longitude = degrees
     return _Places(latitude=latitude.ravel(), longitude=longitude.ravel())
 
 
@@ -484,7 +477,7 @@ def _layout(
         if count > 1:
             moment = f"time {fixed[dimension] + 1} of {count}"
     sizes = tuple(dataset.sizes[dimension] for dimension in cast_dimensions)
-    places = _places(dataset, kinds, cast_dimensions)
+    places = _places(dataset, cast_dimensions)
     return _Layout(
         cast_dimensions=cast_dimensions, sizes=sizes, fixed=fixed, places=places, moment=moment
     )

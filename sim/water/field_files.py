@@ -32,7 +32,7 @@ _MAX_BYTES = 1_000_000_000  # of what is read of a file
 _LENGTH_UNITS = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 1.0, "km": 1000.0}
 _EAST_UNITS = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
 _NORTH_UNITS = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
-_DEGREES = (*_EAST_UNITS, *_NORTH_UNITS, "degree", "degrees", "deg", "")  # no units: degrees
+_PLAIN_DEGREES = ("degree", "degrees", "deg")
 _SPEED_UNITS = {
     **dict.fromkeys(("m/s", "m s-1", "m s^-1", "m.s-1", "meter/second", "meters/second"), 1.0),
     **dict.fromkeys(("meter second-1", "metre second-1", "m s**-1", "ms-1"), 1.0),
@@ -41,6 +41,7 @@ _SPEED_UNITS = {
 _TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0}
 _TIME_UNITS |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
 _TIME_UNITS |= {"days": 86400.0}
+_FLOOR_FOLLOWING = re.compile(r"ocean_(s|sigma|sigma_z|double_sigma)_coordinate")
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 # floating-point numbers that a program did not write have 9.96921e36, and are missing (NetCDF)
 _FILLED = 9.9e36
@@ -127,6 +128,10 @@ FLOOR_LEVEL = VariableNames(
 )
 
 
+_LONGITUDES = ("lon", "longitude", "nav_lon")
+_LATITUDES = ("lat", "latitude", "nav_lat")
+
+
 class _AxisNames(NamedTuple):
     """What an axis may be called."""
 
@@ -139,12 +144,12 @@ _AXES = {
     "X": _AxisNames(
         "longitude or east",
         ("longitude", "projection_x_coordinate"),
-        ("lon", "longitude", "nav_lon", "x", "east", "easting"),
+        (*_LONGITUDES, "x", "east", "easting"),
     ),
     "Y": _AxisNames(
         "latitude or north",
         ("latitude", "projection_y_coordinate"),
-        ("lat", "latitude", "nav_lat", "y", "north", "northing"),
+        (*_LATITUDES, "y", "north", "northing"),
     ),
     "Z": _AxisNames(
         "depth",
@@ -312,6 +317,28 @@ def axis_kind(coordinate: "DataArray") -> str:
     return "T" if " since " in units else ""
 
 
+def is_in_degrees(coordinate: "DataArray") -> bool:
+    """Whether a coordinate is a longitude or latitude, and none of a rotated grid or an index."""
+    standard = standard_name_of(coordinate)
+    units = units_of(coordinate).replace(" ", "_")
+    if standard in ("longitude", "latitude") or units in (*_EAST_UNITS, *_NORTH_UNITS):
+        return True
+    names_a_place = str(coordinate.name).lower() in (*_LONGITUDES, *_LATITUDES)
+    return not standard and (units in _PLAIN_DEGREES or (not units and names_a_place))
+
+
+def places_of_points(dataset: "Dataset", kind: str, dimensions: Sequence[str]) -> Any:
+    """The longitudes (X) or latitudes (Y) of the points along some dimensions; None: there are
+    none.
+    """
+    for name in dataset.variables:
+        variable = dataset[name]
+        is_along = variable.dims and set(variable.dims) <= set(dimensions)
+        if is_along and axis_kind(variable) == kind and is_in_degrees(variable):
+            return variable
+    return None
+
+
 def standard_name_of(variable: "DataArray") -> str:
     """`standard_name` of a variable by CF, in lower case; "" if it has none."""
     return str(variable.attrs.get("standard_name", "")).strip().lower()
@@ -410,14 +437,13 @@ def _axes(source: Source, dataset: "Dataset", variable: "DataArray", kinds: str)
     """Coordinates of a variable's dimensions by kind; only the kinds in `kinds`, "TZYX" or "YX",
     are allowed.
     """
-    text = " ".join(
-        [*map(str, dataset.variables), *(str(v.attrs) for v in dataset.variables.values())]
-    )
-    if "ocean_s_coordinate" in text or "s_rho" in map(str, dataset.dims):
-        raise source.error(
-            f"{variable.name} is on s-coordinates (ROMS); expected levels of depth: interpolate to "
-            "them first"
-        )
+    for level in map(str, variable.dims):
+        follows_floor = _FLOOR_FOLLOWING.match(standard_name_of(dataset[level]))
+        if follows_floor or level in ("s_rho", "s_w"):
+            raise source.error(
+                f"{variable.name} is on levels that follow the floor, {level} (s- or "
+                "σ-coordinates, as of ROMS); expected levels of depth: interpolate to them first"
+            )
     axes: dict[str, Any] = {}
     for dimension in variable.dims:
         if dimension not in dataset.coords:
@@ -447,7 +473,52 @@ def _axes(source: Source, dataset: "Dataset", variable: "DataArray", kinds: str)
                 f"{variable.name} has no axis of {_AXES[kind].title}; its dimensions: "
                 f"{', '.join(map(str, variable.dims))}"
             )
+    _require_map_axes(source, dataset, variable, axes)
     return axes
+
+
+_MAP_ADVICE = (
+    "expected axes of longitude and latitude, or of metres east and north of (0, 0): interpolate "
+    "to them first"
+)
+
+
+def _require_map_axes(
+    source: Source, dataset: "Dataset", variable: "DataArray", axes: dict[str, Any]
+) -> None:
+    """FieldError if the axes of a variable are those of a map projection, of a rotated or of a
+    curvilinear grid.
+    """
+    projection = _projection_of(dataset, variable)
+    if projection:
+        raise source.error(
+            f"{variable.name} is on the grid of a projection ({projection}); {_MAP_ADVICE}"
+        )
+    dimensions = [str(axes[kind].name) for kind in "XY"]
+    for kind in "XY":
+        axis = axes[kind]
+        if is_in_degrees(axis):
+            continue
+        places = places_of_points(dataset, kind, dimensions)
+        if places is not None:
+            raise source.error(
+                f"{variable.name} is on a curvilinear grid, whose points have their "
+                f"{_AXES[kind].standard_names[0]}s in {places.name}; {_MAP_ADVICE}"
+            )
+        standard = standard_name_of(axis)
+        if standard and standard not in _AXES[kind].standard_names:
+            raise source.error(f"{axis.name} has the standard_name {standard!r}; {_MAP_ADVICE}")
+
+
+def _projection_of(dataset: "Dataset", variable: "DataArray") -> str:
+    """Name of the projection by CF (`grid_mapping`) whose axes a variable has; "": none."""
+    given = variable.attrs.get("grid_mapping", variable.encoding.get("grid_mapping", ""))
+    # "crs", or "crs: x y"
+    mapping = str(given).partition(":")[0].strip()
+    if mapping not in dataset.variables:
+        return ""
+    name = str(dataset[mapping].attrs.get("grid_mapping_name", "")).strip()
+    return "" if name == "latitude_longitude" else name
 
 
 class _Axis(NamedTuple):
@@ -486,7 +557,7 @@ def _horizontal_axes(
     if all(unit in _LENGTH_UNITS for unit in units):
         scaled = [value * _LENGTH_UNITS[unit] for value, unit in zip(values, units, strict=True)]
         east, north = scaled
-    elif all(unit.replace(" ", "_") in _DEGREES for unit in units):
+    elif all(is_in_degrees(axes[kind]) for kind in "XY"):
         per_degree = metres_per_degree(origin.latitude_deg)
         if np.abs(values[1]).max(initial=0.0) > 90.0:
             raise source.error(
@@ -498,8 +569,8 @@ def _horizontal_axes(
         north = (values[1] - origin.latitude_deg) * per_degree.north
     else:
         raise source.error(
-            f"{names[0]} and {names[1]} have units {units[0]!r} and {units[1]!r}; expected degrees "
-            "or metres"
+            f"{names[0]} and {names[1]} have units {units[0]!r} and {units[1]!r}; expected "
+            "degrees_east and degrees_north, or m"
         )
     return _sorted(source, names[0], east), _sorted(source, names[1], north)
 

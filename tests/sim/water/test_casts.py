@@ -221,6 +221,40 @@ def test_an_atlas_without_values_is_refused(tmp_path: Path) -> None:
     assert "none of the 48 casts nearest to the origin has values" in result.output
 
 
+@pytest.mark.parametrize("numbered", [True, False])
+def test_of_a_curvilinear_grid_the_column_at_the_nearest_place_is_taken(
+    tmp_path: Path, *, numbered: bool
+) -> None:
+    """A grid turned by 40°, whose axes count points or have no coordinates."""
+    axes = ("deptht", "y", "x")
+    y, x = np.meshgrid(np.arange(12.0), np.arange(9.0), indexing="ij")
+    turn = np.deg2rad(40.0)
+    latitude = 3.0 + 0.2 * (y * np.cos(turn) + x * np.sin(turn))
+    longitude = 1.0 + 0.2 * (x * np.cos(turn) - y * np.sin(turn))
+    temperature = 10.0 + 0.1 * y + x
+    depths = np.broadcast_to(temperature, (2, *temperature.shape))
+    dataset = xarray.Dataset(
+        {
+            "temperature": (axes, depths, {"units": "degC"}),
+            "salinity": (axes, 0.0 * depths + 35.0),
+        },
+        {
+            "deptht": ("deptht", [5.0, 50.0], {"units": "m"}),
+            "nav_lat": (("y", "x"), latitude, {"units": "degrees_north"}),
+            "nav_lon": (("x", "y"), longitude.T, {"units": "degrees_east"}),
+        },
+    )
+    if numbered:
+        dataset = dataset.assign_coords(y=y[:, 0], x=x[0])
+    file = write(dataset, tmp_path / "nemo.nc")
+    for place in ((4.0, 1.3), (3.9, 2.0), (4.8, 0.2)):
+        # a degree of longitude is as long as one of latitude there, to 0.4 %
+        nearest = np.argmin(np.hypot(latitude - place[0], longitude - place[1]))
+        expected = mackenzie(temperature.ravel()[nearest], 35.0, 5.0)
+        # from column to column it is 0.4 m/s at least
+        assert uppermost_speed(file, place) == pytest.approx(expected, abs=0.15)
+
+
 def float_profiles() -> xarray.Dataset:
     """Profiles as profiling floats send them: each at a position and with pressures of its own."""
     pressure = np.array([[5.0, 50.0, np.nan], [4.0, 40.0, 90.0], [6.0, 60.0, 95.0]])

@@ -381,6 +381,55 @@ def _curvilinear(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset.assign_coords(nav_lat=(("y", "x"), y), nav_lon=(("y", "x"), x))
 
 
+def _numbered(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Axes that count points, about the number of degrees of the origin."""
+    x = LONGITUDE - 5 + np.arange(dataset.longitude.size)
+    y = LATITUDE - 6 + np.arange(dataset.latitude.size)
+    return dataset.rename(latitude="y", longitude="x").assign_coords(x=x, y=y)
+
+
+def _curvilinear_and_numbered(dataset: xarray.Dataset) -> xarray.Dataset:
+    numbers = _numbered(dataset)
+    return _curvilinear(dataset).assign_coords(x=numbers.x, y=numbers.y)
+
+
+def _rotated(dataset: xarray.Dataset) -> xarray.Dataset:
+    dataset = dataset.rename(latitude="rlat", longitude="rlon")
+    dataset.rlat.attrs = {"standard_name": "grid_latitude", "units": "degrees", "axis": "Y"}
+    dataset.rlon.attrs = {"standard_name": "grid_longitude", "units": "degrees", "axis": "X"}
+    return dataset
+
+
+def _projected(dataset: xarray.Dataset) -> xarray.Dataset:
+    """In metres of a polar stereographic map whose corner is the mission's (0, 0)."""
+    dataset = dataset.rename(latitude="y", longitude="x")
+    metres = {"units": "m", "standard_name": "projection_x_coordinate"}
+    dataset = dataset.assign_coords(
+        x=("x", 800.0 * np.arange(-5.0, dataset.x.size - 5.0), metres),
+        y=("y", 800.0 * np.arange(-5.0, dataset.y.size - 5.0), {"units": "m"}),
+        polar=((), 0, {"grid_mapping_name": "polar_stereographic"}),
+    )
+    for name in ("uo", "vo"):
+        dataset[name].attrs["grid_mapping"] = "polar: x y"
+    return dataset
+
+
+def _projected_without_its_name(dataset: xarray.Dataset) -> xarray.Dataset:
+    dataset = _projected(dataset).drop_vars("polar")
+    y, x = np.meshgrid(0.007 * dataset.y / 800.0, 0.012 * dataset.x / 800.0, indexing="ij")
+    return dataset.assign_coords(
+        lon=(("y", "x"), LONGITUDE + x - 0.3 * y, {"units": "degrees_east"}),
+        lat=(("y", "x"), LATITUDE + y + 0.3 * x, {"units": "degrees_north"}),
+    )
+
+
+def _sigma(dataset: xarray.Dataset) -> xarray.Dataset:
+    attributes = {"standard_name": "ocean_sigma_coordinate", "axis": "Z"}
+    return dataset.rename(depth="sigma").assign_coords(
+        sigma=("sigma", [-0.1, -0.5, -0.9], attributes)
+    )
+
+
 def _elsewhere(dataset: xarray.Dataset) -> xarray.Dataset:
     return dataset.assign_coords(longitude=dataset.longitude + 40.0)
 
@@ -413,7 +462,7 @@ MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
         _with_attributes("depth", units="dbar"),
         "depth has units 'dbar'; expected metres",
     ),
-    "unit of place": (_with_attributes("longitude", units="radian"), "expected degrees or metres"),
+    "unit of place": (_with_attributes("longitude", units="radian"), "expected degrees_east and"),
     "no date": (_with_attributes("time", units="hours since the flood"), "is no date such as"),
     "unit of time": (_with_attributes("time", units="fortnights"), "time has units 'fortnights'"),
     "calendar": (_with_attributes("time", calendar="360_day"), "time has the calendar '360_day'"),
@@ -421,8 +470,20 @@ MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
         _with_attributes("time", units="hours since 2020-01-01"),
         "which lasts from 0 to 20 s",
     ),
-    "roms": (_changed(_roms), "s-coordinates (ROMS)"),
+    "roms": (_changed(_roms), "follow the floor, s_rho (s- or σ-coordinates"),
+    "sigma": (_changed(_sigma), "follow the floor, sigma (s- or σ-coordinates"),
     "curvilinear": (_changed(_curvilinear), "its dimension 'y' has no coordinate"),
+    "curvilinear, numbered": (
+        _changed(_curvilinear_and_numbered),
+        "on a curvilinear grid, whose points have their longitudes in nav_lon",
+    ),
+    "numbered": (_changed(_numbered), "x and y have units '' and ''; expected degrees_east"),
+    "rotated": (_changed(_rotated), "rlon has the standard_name 'grid_longitude'; expected axes"),
+    "projected": (_changed(_projected), "on the grid of a projection (polar_stereographic)"),
+    "projected, unnamed": (
+        _changed(_projected_without_its_name),
+        "on a curvilinear grid, whose points have their longitudes in lon",
+    ),
     "elsewhere": (_changed(_elsewhere), "and none of the mission; set ocean.origin"),
     "dry": (_changed(_without_values), "uo has no values about the mission"),
     "fast": (_changed(_of_7_m_s), "leader meets 7 m/s at 0 s"),

@@ -192,6 +192,13 @@ def test_beyond_what_was_read_of_a_floor_beacons_lie_above_that_of_its_edge(
         (lambda d: d.assign(depth=d.depth.where(d.x < 0.0)), "has no value at"),
         (lambda d: d.isel(y=[12]).squeeze("y"), "has no axis of latitude or north"),
         (lambda d: d.assign_coords(x=d.x + 9e4), "and none of the mission"),
+        (
+            lambda d: d.assign(
+                depth=d.depth.assign_attrs(grid_mapping="utm"),
+                utm=((), 0, {"grid_mapping_name": "transverse_mercator"}),
+            ),
+            "depth is on the grid of a projection (transverse_mercator)",
+        ),
     ],
 )
 def test_unusable_floors_are_refused_with_the_reason(tmp_path: Path, change, expected: str) -> None:  # type: ignore[no-untyped-def]
