@@ -25,8 +25,9 @@ Wrench = tuple[float, float, float, float, float, float]
 SURGE, SWAY, HEAVE, ROLL, PITCH, YAW = range(6)
 # order in which components are served where limits bind
 PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
-# order in which components are looked for that effectors can give
-_SEARCH_ORDER = (SURGE, YAW, PITCH, HEAVE, SWAY, ROLL)
+# orders in which components are looked for that effectors can give
+_PITCH_FIRST = (SURGE, YAW, PITCH, HEAVE, SWAY, ROLL)
+_HEAVE_FIRST = (SURGE, YAW, HEAVE, PITCH, SWAY, ROLL)
 FULL_STEERAGE_SPEED = 2.0  # speed beyond which the weights of fins change no more [m/s]
 # smallest singular value of a component that is given, over the largest force or moment of an
 # effector
@@ -40,11 +41,15 @@ def clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
+def pseudo_inverse(
+    records: npt.NDArray[np.void], limits: Floats, *, heave_first: bool = False
+) -> Floats:
     """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
     [1/m]; 0 of the others.
 
-    Components but roll are given with any moment of roll, that of roll without any other.
+    Components but roll are given with any moment of roll, that of roll without any other. Of pitch
+    and heave effectors may give one alone, as a single vertical thruster does: pitch, or with
+    `heave_first` heave.
 
     `limits` are least and largest force of each record of EFFECTOR, of `force_limits_of` at
     some speed, shape (m, 2), [N].
@@ -56,10 +61,12 @@ def pseudo_inverse(records: npt.NDArray[np.void], limits: Floats) -> Floats:
     ).repeat(3)
     scaled = unit * reach[:, None] / (largest * max(float(reach.max()), 1e-300))
     independent: list[int] = []
-    for axis in _SEARCH_ORDER:
+    for axis in _HEAVE_FIRST if heave_first else _PITCH_FIRST:
         values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
         if len(independent) < len(records) and values[len(independent)] > _MIN_SINGULAR_VALUE:
             independent.append(axis)
+    # the same numbers to the bit, whichever was looked for first
+    independent.sort(key=_PITCH_FIRST.index)
     out = np.zeros((len(records), 6))
     served = [axis for axis in independent if axis != ROLL]
     out[:, served] = _weighted_inverse(unit, reach, served)

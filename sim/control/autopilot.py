@@ -142,7 +142,7 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
 def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
     model = plant.model
     records = np.zeros(len(plant.names), AUTOPILOT)
-    allocations = dict[bytes, list[Floats]]()
+    allocations = dict[tuple[bytes, bool], list[Floats]]()
     for i, (record, c, name) in enumerate(
         zip(records, plant.coefficients, plant.names, strict=True)
     ):
@@ -151,12 +151,27 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
         added = np.diag(c["added_mass"])
         centre = body.ipos
         fitted = effectors.as_allocated(plant.effectors[i, : len(plant.effector_names[i])])
-        if fitted.tobytes() not in allocations:
-            allocations[fitted.tobytes()] = [
-                pseudo_inverse(fitted, effectors.force_limits_of(fitted, c["density"], speed))
+        area, drag_coefficient, lift_slope = c["hull_lift"]
+        fins = effectors.fins_of(fitted, plant.fixed_fins[i])
+        # force per incidence and speed², sideways and up, of each fin
+        per_fin = 0.5 * c["density"] * fins["lift_area"][:, None] * fins["force"][:, 1:] ** 2
+        record["lift"] = (
+            0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + per_fin[:, 1].sum()
+        )
+        has_lift = record["lift"] > 0.0
+        # of effectors that give either pitch or heave, what holds the depth
+        heave_first = (depth_control[i] or ("pitch" if has_lift else "thrust")) == "thrust"
+        allocation_key = (fitted.tobytes(), heave_first)
+        if allocation_key not in allocations:
+            allocations[allocation_key] = [
+                pseudo_inverse(
+                    fitted,
+                    effectors.force_limits_of(fitted, c["density"], speed),
+                    heave_first=heave_first,
+                )
                 for speed in (MIN_STEERAGE_SPEED, FULL_STEERAGE_SPEED)
             ]
-        slow, fast = allocations[fitted.tobytes()]
+        slow, fast = allocations[allocation_key]
         turns_hull = slow[:, [PITCH, YAW]].any(axis=1)
         record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turns_hull].max(initial=0.0), MIN_LAG))
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
@@ -171,17 +186,9 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
         )
         record["drag_linear"] = c["linear_damping"][0]
         record["drag_fade"] = c["linear_damping_fade"][0]
-        area, drag_coefficient, lift_slope = c["hull_lift"]
         record["drag"] = 0.5 * c["density"] * area * drag_coefficient + c["quadratic_damping"][0]
-        fins = effectors.fins_of(fitted, plant.fixed_fins[i])
-        # force per incidence and speed², sideways and up, of each fin
-        per_fin = 0.5 * c["density"] * fins["lift_area"][:, None] * fins["force"][:, 1:] ** 2
-        record["lift"] = (
-            0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + per_fin[:, 1].sum()
-        )
         fin_moments = per_fin.T @ fins["place"][:, 0]
         record["fin_side"] = -fin_moments[0]
-        has_lift = record["lift"] > 0.0
         record["pitch_munk"] = max(c["munk_factor"] * (added[2] - added[0]) + fin_moments[1], 0.0)
         yaw_munk = max(c["munk_factor"] * (added[1] - added[0]) + fin_moments[0], 0.0)
         record["yaw_munk"] = yaw_munk * record["surge_mass"] / record["sway_mass"]

@@ -174,6 +174,19 @@ def test_a_vehicle_without_side_thrusters_serves_neither_sway_nor_yaw():
     assert served.tolist() == [True, False, False, False, True, False]
 
 
+@pytest.mark.parametrize("heave_first", [True, False])
+@pytest.mark.parametrize("place", [-0.3, 0.3])
+def test_a_single_vertical_thruster_serves_either_heave_or_pitch(place, heave_first):
+    """A force F at x has the moment -x F about the axis to port."""
+    forces = [[1, 0, 0]] * 2 + [[0, 0, 1]]
+    places = [[-0.4, 0.2, 0], [-0.4, -0.2, 0], [place, 0, 0]]
+    records = effectors_of(forces, places, [[-40, 40]] * 3)
+    inverse = allocation.pseudo_inverse(records, records["limits"], heave_first=heave_first)
+    heave, pitch = inverse[:, allocation.HEAVE], inverse[:, allocation.PITCH]
+    expected = ([0, 0, 1], [0, 0, 0]) if heave_first else ([0, 0, 0], [0, 0, -1 / place])
+    np.testing.assert_allclose((heave, pitch), expected, atol=1e-12)
+
+
 def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
     setup = VehicleSetup(
         name=model,
