@@ -50,8 +50,9 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     estimated = navigation.estimated
     drift = navigation.assume.drift
     moves = sensing.has_current
-    has_leader_heading_bias = (
-        sensing.sensors.leader_heading_bias_deg != 0.0 or "leader_heading_bias" in estimated
+    # of the sender of the link that is navigated on; beacons have no compass
+    has_leader_heading_bias = errors.leader_heading_bias != 0.0 or (
+        "leader_heading_bias" in estimated
     )
     clock = "clock" in estimated
     acoustic_settings = sensing.acoustics
@@ -199,6 +200,20 @@ class _Broadcasts:
             transmitter[i] = self._transmitters(step)
         # an excerpt of a flight may begin while a message is on its way
         return _Messages(measurements.message_step, np.maximum(sent - first, 0), transmitter)
+
+
+def mission_bound(
+    trajectory: Trajectory, sensing: SensingSettings, navigation: Navigation, follower: int = 0
+) -> Floats:
+    """Least RMS of a follower's position error after each step, shape (n,), [m], in a mission of
+    which it receives all pings, by its own navigation. NaN, which is no bound, if it takes the
+    messages of several links, or where ranges have no random errors.
+    """
+    if navigation.further_links:
+        stride = round(sensing.links.filter_step_s / CONTROL_STEP_S)
+        return np.full((trajectory.time.size - 1) // stride, np.nan)
+    geometry = geometry_of(trajectory, sensing, follower)
+    return least_rms(geometry, noise_of(sensing, navigation, follower))
 
 
 def least_rms(geometry: BoundGeometry, noise: TrueNoise, lag: float = 0.0) -> Floats:

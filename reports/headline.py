@@ -13,6 +13,7 @@ from reports.flight_figures import ON_AXIS_DEG
 from reports.page import Tile
 from reports.verdict import Verdict
 from sim.flight import FlightRecord, Termination
+from sim.scenario.links import LEADER_LINK
 
 Accuracies = Mapping[str, Mapping[str, float]]
 """What `accuracy` of the report tells of each follower, by its name."""
@@ -101,12 +102,17 @@ def cause(transmitters: int, errors: Mapping[str, float], nees: float | None) ->
         )
     if errors["wrong_side"] >= _WRONG_SIDE_SHARE:
         return f"{100 * errors['wrong_side']:.0f} % of the time it is on the wrong side of the axis"
-    if nees is not None and nees > _TOLERABLE_NEES[1]:
-        return (
-            f"the filter is surer than right (mean NEES {figure_text(nees)}, {EXPECTED_NEES:g} "
-            "expected)"
-        )
-    return ""
+    return overconfidence(nees)
+
+
+def overconfidence(nees: float | None) -> str:
+    """What a filter's mean NEES says of it; empty: nothing stands out."""
+    if nees is None or nees <= _TOLERABLE_NEES[1]:
+        return ""
+    return (
+        f"the filter is surer than right (mean NEES {figure_text(nees)}, {EXPECTED_NEES:g} "
+        "expected)"
+    )
 
 
 def _stations(summary: Mapping[str, Any]) -> str:
@@ -115,14 +121,17 @@ def _stations(summary: Mapping[str, Any]) -> str:
     rms = [row["station_rms_m"] for row in rows.values()]
     worst = max(rows, key=lambda name: rows[name]["station_max_m"])
     largest = rows[worst]["station_max_m"]
+    others = len(summary["followers"]) - len(rows)
     if len(rows) == 1:
+        subject = worst if others else "It"
         return (
-            f"It keeps station: {figure_text(rms[0], ' m')} off it (RMS), "
+            f"{subject} keeps station: {figure_text(rms[0], ' m')} off it (RMS), "
             f"{figure_text(largest, ' m')} at most."
         )
+    subject = f"The {len(rows)} on stations" if others else "All"
     return (
-        f"All keep station: {figure_text(min(rms))} to {figure_text(max(rms), ' m')} off it (RMS), "
-        f"{figure_text(largest, ' m')} at most ({worst})."
+        f"{subject} keep station: {figure_text(min(rms))} to {figure_text(max(rms), ' m')} off it "
+        f"(RMS), {figure_text(largest, ' m')} at most ({worst})."
     )
 
 
@@ -145,8 +154,13 @@ def headline(
         worst = max(accuracies, key=lambda name: accuracies[name]["mean"])
         nees = summary["followers"].get(worst, {}).get("nees")
         follower = flight.trajectory.names.index(worst) - 1
-        transmitters = flight.scenario.navigation_of(follower).transmitters
-        reason = cause(transmitters, accuracies[worst], nees)
+        navigation = flight.scenario.navigation_of(follower)
+        # the leader's axis is nothing to those that navigate on another link
+        reason = (
+            cause(navigation.transmitters, accuracies[worst], nees)
+            if navigation.link == LEADER_LINK
+            else overconfidence(nees)
+        )
         if reason:
             owner = "" if len(accuracies) == 1 else f"of {worst}, "
             sentence = f"{sentence.removesuffix('.')}: {owner}{reason}."

@@ -11,9 +11,9 @@ import numpy as np
 
 from laisn.arrays import Bools, Floats
 from laisn.metrics import mirror_locked_steps, nees
-from sim.cautions import assumption_cautions
+from sim.cautions import Navigated, assumption_cautions
 from sim.flight import FlightRecord, Termination, position_and_bearing_errors
-from sim.scenario.parts import SensingSettings
+from sim.scenario.links import LEADER_LINK
 from sim.tracking import JOINED_M, LOST_M, contacts
 
 _BEFORE_S = 120.0  # causes are sought in this time before a loss
@@ -97,9 +97,11 @@ def _silence_text(silence: Silence) -> str:
 
 
 def _is_locked(flight: FlightRecord, follower: int, time: Floats, loss_s: float) -> bool:
-    """Whether the estimate was at the mirror image for most of the time around a loss; `time` of
-    the filter steps, shape (n,), [s].
+    """Whether the estimate was at the mirror image for most of the time around a loss, of one that
+    navigates on the leader's messages; `time` of the filter steps, shape (n,), [s].
     """
+    if flight.scenario.navigation_of(follower).link != LEADER_LINK:
+        return False
     steps = flight.step_index()
     truth = flight.trajectory
     locked = mirror_locked_steps(
@@ -166,8 +168,7 @@ def _cause(
         return _silence_text(silence)
     if _is_locked(flight, follower, time, loss_s):
         return "the estimate was locked on the mirror image of the truth in the leader's axis"
-    scenario = flight.scenario
-    if cautions := assumption_cautions(SensingSettings.of(scenario), scenario.navigation):
+    if cautions := assumption_cautions(Navigated.of(flight.scenario, [follower])):
         return "an assumption that does not hold: " + "; ".join(cautions[:2])
     squares = nees(flight.estimates[follower], flight.hydrophone(follower)[:, :2])[: step + 1]
     finite = squares[np.isfinite(squares)]

@@ -14,7 +14,7 @@ from laisn.errors import LaisnError
 from laisn.navigators import NAVIGATORS, find
 from laisn.plugins import find_controller, is_plugin_name, kept_with_plugins
 from sim.assembly import are_at_baseline_and_offset, routes_of, setups_of
-from sim.cautions import assumption_cautions
+from sim.cautions import assumption_cautions, navigated_alike, unheard_links
 from sim.control.allocation import HEAVE, PITCH, clip
 from sim.control.autopilot import (
     INCIDENCE_MAX,
@@ -552,12 +552,11 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
-    sensing_of = sensing_of_each(scenario)
     remarks = effect_cautions(MotionSettings.of(scenario))
-    for i, sensing in enumerate(sensing_of):
-        if i == 0 or sensing is not sensing_of[0]:
-            remarks += assumption_cautions(sensing, scenario.navigation_of(i))
-            remarks += ray_cautions(sensing.sound, sensing.sound_speed)
+    for navigated in navigated_alike(scenario):
+        remarks += unheard_links(navigated)
+        remarks += assumption_cautions(navigated)
+        remarks += ray_cautions(navigated.sensing.sound, navigated.sensing.sound_speed)
     remarks = [*dict.fromkeys(remarks)]
     for key, vehicle in scenario.vehicles():
         if vehicle.model:

@@ -40,25 +40,22 @@ def bound(
     from experiments.campaign.progress import compiling_shown, print_line, show_table
     from experiments.campaign.store import write_csv
     from experiments.flight.library import load_scenario
-    from reports.bound import geometry_of, least_rms, noise_of
+    from reports.bound import mission_bound
 
     output = optional_output(out, [".csv"])
     checked_scenario = load_scenario(scenario, set_ or (), flyable=True)
     heads = ["follower", *(f"{i + 1}. quarter" for i in range(_QUARTERS)), "whole"]
-    heads += (
-        [f"{checked_scenario.navigation.variant}, {runs} runs", "× bound", "NEES"] if runs else []
-    )
+    heads += [f"{checked_scenario.variants}, {runs} runs", "× bound", "NEES"] if runs else []
     lines: list[list[str]] = []
     rows: list[Record] = []
     has_bounds = True
     with compiling_shown():
         mission = mission_of(checked_scenario)
-        settings = CellSettings.of(checked_scenario)
         for i, follower in enumerate(checked_scenario.followers):
+            settings = CellSettings.of(checked_scenario.navigated_as(i))
             trajectory, _ = mission.motion_and_measurements(settings, i)
-            noise = noise_of(settings.sensing, settings.navigation, i)
-            has_bounds = has_bounds and noise.has_bound
-            bound = least_rms(geometry_of(trajectory, settings.sensing, i), noise)
+            bound = mission_bound(trajectory, settings.sensing, settings.navigation, i)
+            has_bounds = has_bounds and bool(np.isfinite(bound).all())
             bounds = [
                 float(np.sqrt(np.mean(quarter**2)))
                 for quarter in (*np.array_split(bound, _QUARTERS), bound)
@@ -79,7 +76,9 @@ def bound(
                 {"follower": follower.name, "time_s": t, "bound_m": value}
                 for t, value in zip(time.tolist(), bound.tolist(), strict=True)
             ]
-    caption = "" if has_bounds else "–: ranges without random errors have no bound"
+    caption = (
+        "" if has_bounds else "–: no bound of ranges without random errors, or of several links"
+    )
     show_table(Console(), heads, lines, "least RMS position error [m]", caption)
     if output is not None:
         write_csv(output.path, rows)

@@ -98,10 +98,12 @@ def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, An
 
 def show(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:
     """Print a table of errors, and the outcome if the mission was not completed."""
-    if any("station_rms_m" in row for row in summary["followers"].values()):
+    followers = summary["followers"]
+    on_routes = {name: row for name, row in followers.items() if "station_rms_m" not in row}
+    if len(on_routes) < len(followers):
         _show_stations(console, flight, summary)
-    else:
-        _show_errors(console, summary)
+    if on_routes:
+        _show_errors(console, on_routes)
     _show_avoidance(console, summary)
     _show_navigators(console, summary)
     _show_leader(console, summary)
@@ -112,12 +114,12 @@ def show(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> Non
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
 
 
-def _show_errors(console: Console, summary: dict[str, Any]) -> None:
-    """Print errors of the estimates, and of track and depth."""
+def _show_errors(console: Console, followers: dict[str, dict[str, Any]]) -> None:
+    """Print errors of the estimates, and of track and depth, by rows of the summary."""
     heads = ["follower", "E_P: max", "mean", "E_B: max", "mean", "NEES", "× bound"]
     heads += ["track", "depth"]
     rows = []
-    for name, row in summary["followers"].items():
+    for name, row in followers.items():
         cells = [name]
         cells += [f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean")]
         cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean")]

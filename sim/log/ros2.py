@@ -6,8 +6,8 @@ is a yaw of 90° − ψ. Truth and estimate are topics and frames of their own. 
 times, the scenario's epoch plus mission time.
 
 Covariances of the estimate are the filter's; its depth and heading are readings. Covariances of
-readings are mean squares of the scenario's errors. An angle that nothing measures has the variance
-of an even distribution over a turn.
+readings are mean squares of the scenario's errors, biases included. An angle that nothing measures
+has the variance of an even distribution over a turn.
 """
 
 import math
@@ -368,9 +368,6 @@ def _estimate(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
         position[:, None],
         quaternion[:, None],
     )
-    heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
-        math.radians(errors.heading_bias_deg) ** 2
-    )
     horizontal = e.covariance[valid, :2, :2]
     pose_covariance = _six_by_six(
         {
@@ -381,7 +378,7 @@ def _estimate(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
             14: errors.depth_sigma_m**2,
             21: _UNKNOWN_ANGLE,
             28: _UNKNOWN_ANGLE,
-            35: heading_variance,
+            35: _heading_variance(errors),
         },
         n,
     )
@@ -476,6 +473,23 @@ def _fixes(context: _FlightContext, vehicle: int) -> RosTopic:
     )
 
 
+def _speed_variance(errors: Sensors) -> float:
+    """Mean square of the errors of a log [m²/s²], over whole periods of its drift."""
+    drift = 0.5 * errors.speed_drift_m_s**2
+    return float(errors.speed_bias_m_s**2 + errors.speed_sigma_m_s**2 + drift)
+
+
+def _heading_variance(errors: Sensors) -> float:
+    """The same of a compass [rad²], whose random part is the absolute value of a normal number and
+    so adds to the bias, σ √(2/π) on average.
+    """
+    bias = errors.heading_bias_deg
+    sigma = errors.heading_sigma_deg
+    mean_random = sigma * math.sqrt(2.0 / math.pi)
+    drift = 0.5 * errors.heading_drift_deg**2
+    return math.radians(1.0) ** 2 * (bias**2 + 2.0 * bias * mean_random + sigma**2 + drift)
+
+
 def _sensed(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
     """What a vehicle measured at filter steps."""
     flight = context.flight
@@ -485,14 +499,12 @@ def _sensed(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
     n = m.speed.size
     time_ns = context.clock.ns(m.dt * np.arange(1, n + 1))
     base = {"header": {"frame_id": f"{name}/base_link"}}
-    heading_variance = math.radians(errors.heading_sigma_deg) ** 2 + (
-        math.radians(errors.heading_bias_deg) ** 2
-    )
     # −1 states that there is no such reading
     absent = np.zeros((n, 9))
     absent[:, 0] = -1.0
     orientation_covariance = np.zeros((n, 9))
-    orientation_covariance[:, [0, 4, 8]] = _UNKNOWN_ANGLE, _UNKNOWN_ANGLE, heading_variance
+    orientation_covariance[:, [0, 4]] = _UNKNOWN_ANGLE
+    orientation_covariance[:, 8] = _heading_variance(errors)
     compass = {
         **_wxyz("orientation", attitude.from_euler(m.heading)),
         "orientation_covariance": orientation_covariance,
@@ -505,7 +517,7 @@ def _sensed(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
         "twist.covariance": _six_by_six(
             {
                 **dict.fromkeys(_DIAGONAL, _UNKNOWN_SPEED),
-                0: errors.speed_sigma_m_s**2 + errors.speed_bias_m_s**2,
+                0: _speed_variance(errors),
             },
             n,
         ),

@@ -188,3 +188,18 @@ def test_the_report_of_routes_has_no_columns_or_section_of_stations(tmp_path: Pa
     html = path.read_text(encoding="utf-8")
     assert "off its station, since it joined" not in html
     assert 'id="do-they-keep-station"' not in html
+
+
+def test_the_command_shows_stations_and_those_who_have_none() -> None:
+    summary = summarise(flight_beside_stations(constant_offsets(0.3, 1.5)))
+    of_route = summarise(make_flight(20.0))["followers"]["follower"]
+    shown = summary | {"followers": summary["followers"] | {"scout": of_route}}
+    output = io.StringIO()
+    console = Console(width=120, file=output)
+    show(console, flight_beside_stations(constant_offsets(0.3, 1.5)), shown)
+    lines = output.getvalue().splitlines()
+    (line,) = (line for line in lines if line.startswith("scout"))
+    assert line.split()[1] == f"{of_route['e_p_max_m']:.2f}"
+    assert [line.split()[0] for line in lines if line.startswith("follower")] == [
+        *("follower", "follower1", "follower2", "follower"),
+    ]

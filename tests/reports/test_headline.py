@@ -77,6 +77,19 @@ def test_a_cause_is_named_where_one_stands_out(
     assert bool(sentence) == bool(expected)
 
 
+def test_the_leaders_axis_is_no_cause_where_another_link_is_navigated_on(
+    flight: FlightRecord,
+) -> None:
+    near = accuracy_figures(near_axis=0.86, mean_near=1.44, mean_elsewhere=0.34, wrong_side=0.3)
+    navigation = flight.scenario.navigation.model_copy(update={"link": "lbl"})
+    scenario = flight.scenario.model_copy(update={"navigation": navigation})
+    among_beacons = dataclasses.replace(flight, scenario=scenario)
+    sentence = headline(among_beacons, GOOD, summary(), {"follower": near})
+    assert sentence.endswith(GOOD.sentence)
+    sentence = headline(among_beacons, GOOD, summary(nees=50.0), {"follower": near})
+    assert "surer than right (mean NEES 50.0, 2 expected)" in sentence
+
+
 def test_a_loss_is_told_before_all_else(flight: FlightRecord) -> None:
     loss = Loss(follower="follower", time_s=3.0, what="gone", cause="a test", silence_s=0.0)
     verdict = Verdict(sentence="follower was lost.", lost=(loss,))
@@ -95,6 +108,11 @@ def test_a_formation_is_first_asked_whether_it_keeps_station() -> None:
     assert sentence.endswith(
         "All keep station: 0.30 to 0.40 m off it (RMS), 2.50 m at most (follower2)."
     )
+    # of followers of which some have routes
+    mixed = headline(formation, GOOD, {"followers": {**rows, "scout": {}}}, {})
+    assert "The 2 on stations keep station: 0.30 to 0.40 m" in mixed
+    single = {"follower2": rows["follower2"], "scout": {}}
+    assert "follower2 keeps station: 0.40 m" in headline(formation, GOOD, {"followers": single}, {})
     first, rms, farthest = tiles({"followers": rows}, {})
     assert (first.value, first.tone) == ("2 of 2", "good")
     assert rms.value == "0.35 m"  # the root of (0.09 + 0.16) / 2

@@ -16,7 +16,9 @@ from reports.summary import route_events, summarise
 from reports.verdict import Loss, _lost_text, longest_silence, verdict
 from sim.flight import FlightRecord, Termination, excerpt, position_and_bearing_errors
 from sim.scenario.formation import Station
+from sim.scenario.links import LinkTable
 from sim.scenario.parts import MotionSettings
+from sim.scenario.settings import Navigation
 from sim.tracking import track_errors
 from tests.synthetic import make_flight
 
@@ -128,6 +130,23 @@ def test_an_error_that_is_set_and_not_assumed_is_a_cause(flight: FlightRecord) -
     assert loss.cause.startswith("an assumption that does not hold: the clocks differ by up to 10")
 
 
+def test_an_assumption_is_that_of_the_lost_followers_own_navigation(flight: FlightRecord) -> None:
+    """All but the second one estimate their clocks."""
+    acoustics = flight.scenario.acoustics.model_copy(update={"clock_offset_s": 0.01})
+    told = Navigation(variant="tight", assume={"clock": True})
+    paper = Navigation(variant="laisn-2")
+    followers = tuple(
+        follower.model_copy(update={"navigation": paper if i == 1 else told})
+        for i, follower in enumerate(flight.scenario.followers)
+    )
+    changes = {"acoustics": acoustics, "followers": followers}
+    scenario = flight.scenario.model_copy(update=changes)
+    lost = with_jump_at(with_jump_at(flight, 0, 200.0), 1, 300.0)
+    first, second = verdict(dataclasses.replace(lost, scenario=scenario), NO_TRACK_ERROR).lost
+    assert "clocks" not in first.cause
+    assert second.cause.endswith("navigator 'laisn-2' assumes equal clocks")
+
+
 def test_a_filter_surer_than_right_is_a_cause(flight: FlightRecord) -> None:
     """An error of 1 m with σ = 0.1 m before: NEES 100."""
     (loss,) = verdict(with_jump_at(flight, 0, 300.0, 0.1), NO_TRACK_ERROR).lost
@@ -146,6 +165,23 @@ def test_a_mirror_lock_is_a_cause(flight: FlightRecord) -> None:
     (loss,) = verdict(with_errors(flight, 2, offsets), NO_TRACK_ERROR).lost
     assert loss.time_s == pytest.approx(250.1)
     assert "locked on the mirror image" in loss.cause
+
+
+def test_no_one_is_locked_on_the_leaders_axis_who_navigates_on_another_link(
+    flight: FlightRecord,
+) -> None:
+    steps = flight.step_index()
+    heading = flight.trajectory.heading[steps, 0]
+    starboard = np.column_stack([np.cos(heading), -np.sin(heading)])
+    from_leader = flight.hydrophone(2)[:, :2] - flight.trajectory.position[steps, 0, :2]
+    side = np.einsum("ni,ni->n", from_leader, starboard)
+    locked = flight.trajectory.time[steps] > 250.0
+    changed = with_errors(flight, 2, np.where(locked, -2.0 * side, 0.0)[:, None] * starboard)
+    links = (LinkTable(name="second", sender="follower1"),)
+    navigation = flight.scenario.navigation.model_copy(update={"link": "second"})
+    scenario = flight.scenario.model_copy(update={"links": links, "navigation": navigation})
+    (loss,) = verdict(dataclasses.replace(changed, scenario=scenario), NO_TRACK_ERROR).lost
+    assert "mirror" not in loss.cause
 
 
 def test_a_vehicle_off_its_route_with_a_right_estimate_could_not_move_there(

@@ -11,16 +11,10 @@ from typer.testing import CliRunner
 from experiments.flight.fly import fly
 from experiments.flight.library import as_scenario
 from laisn_sim.cli.main import app
-from sim.cautions import (
-    RULES,
-    clock_error_s,
-    distances,
-    echo_excess_m,
-    max_range_rate,
-)
+from sim.cautions import RULES, Navigated, clock_error_s, echo_excess_m, max_range_rate
 from sim.feasibility import cautions, effect_cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
-from sim.scenario.parts import MissionPlan, MotionSettings, SensingSettings, SoundSettings
+from sim.scenario.parts import MotionSettings, SensingSettings
 from sim.scenario.settings import Scenario
 
 NO_ERRORS = {
@@ -39,6 +33,11 @@ TRANSMITTERS = ("rear", "front", "middle")
 
 def scenario_of(changes: dict[str, Any]) -> Scenario:
     return as_scenario("T7", {**NO_ERRORS, **changes})
+
+
+def navigated(changes: dict[str, Any]) -> Navigated:
+    """The only follower."""
+    return Navigated.of(scenario_of(changes), [0])
 
 
 def fly_with(changes: dict[str, Any]) -> FlightRecord:
@@ -85,7 +84,7 @@ def test_clocks_that_differ_change_every_range_by_what_is_stated(
 def test_pings_in_slots_change_ranges_by_what_is_stated(without_errors: FlightRecord) -> None:
     """The middle ping leaves two slots after the rear one."""
     changes = {"acoustics.ping_slot_s": 0.2}
-    slot_m = 0.2 * max_range_rate(MissionPlan.of(scenario_of(changes)))
+    slot_m = 0.2 * max_range_rate(navigated(changes))
     in_slots = fly_with(changes).measurements[0].ranges
     # the last message with slots ends after the mission
     error = np.abs(in_slots - without_errors.measurements[0].ranges[: len(in_slots)])
@@ -111,7 +110,7 @@ def test_a_bias_of_the_leaders_compass_turns_fixes_about_the_leader(
     changes = {"sensors.leader_heading_bias_deg": 5.0}
     line = only_caution(changes)
     flight = fly_with(changes)
-    distance = distances(MissionPlan.of(flight.scenario), flight.scenario.followers[0])
+    distance = navigated(changes).distances
     chord_per_metre = 2.0 * math.sin(math.radians(2.5))
     assert stated_metres(line) == pytest.approx(chord_per_metre * distance.max(), rel=0.05)
     expected = chord_per_metre * distance[distance.size // 2 :].mean()
@@ -133,10 +132,10 @@ def test_a_bias_by_leader_sensors_is_stated_as_one_by_sensors() -> None:
 
 
 def test_a_maximum_range_below_the_planned_distances_is_stated() -> None:
-    plan = MissionPlan.of(scenario_of({}))
-    (follower,) = plan.followers
+    scenario = scenario_of({})
+    (follower,) = scenario.followers
     slant_ranges = np.hypot(
-        distances(plan, follower), plan.leader.held_depth_m - follower.held_depth_m
+        navigated({}).distances, scenario.leader.held_depth_m - follower.held_depth_m
     )
     max_range = float(np.median(slant_ranges))
     line = only_caution({"acoustics.max_range_m": max_range})
@@ -172,11 +171,9 @@ def test_common_echoes_are_longer_than_the_span_by_what_is_stated(
     direct = fly_with({**changes, "acoustics.surface_echo_probability": 0.0})
     delay = fly_with(changes).measurements[0].ranges - direct.measurements[0].ranges
     assert stated_metres(line.replace("beyond the 4.5 m", "")) == pytest.approx(
-        echo_excess_m(SoundSettings.of(scenario_of(changes))), rel=0.05
+        echo_excess_m(navigated(changes)), rel=0.05
     )
-    assert np.nanmax(delay) == pytest.approx(
-        echo_excess_m(SoundSettings.of(scenario_of(changes))), rel=0.05
-    )
+    assert np.nanmax(delay) == pytest.approx(echo_excess_m(navigated(changes)), rel=0.05)
     assert np.nanmin(delay) > 4.5
     assert line.endswith("beyond the 4.5 m; navigator 'ekf' assumes echoes within that span")
     assert cautions(scenario_of({**changes, "navigation.assume.outlier_span_m": 40.0})) == []
@@ -224,6 +221,124 @@ def test_a_current_adds_a_drift_that_logs_and_compasses_do_not_measure() -> None
     of_points = cautions(scenario_of({**changes, "motion": "kinematic"}))
     assert of_points == ["without effect on motion = 'kinematic': ocean.current_speed_m_s"]
     assert not SensingSettings.of(scenario_of({**changes, "motion": "kinematic"})).has_current
+
+
+ABEAM_M = 50.0
+"""Least distance of a beacon, or of a follower that sends, from the one that navigates."""
+BEACON_LINK = {"name": "lbl", "beacons_m": [[0.0, -ABEAM_M, 10.0]]}
+ESCORT_LINK = {"name": "escort", "sender": "escort"}
+
+
+def on_link(link: dict[str, Any], **changes: Any) -> Scenario:
+    """A follower that swims 120 m east, an escort at its side, and a link on which both navigate,
+    all at one depth.
+    """
+    variant = "beacons" if "beacons_m" in link else "tight"
+    followers: list[dict[str, Any]] = [
+        {"name": name, "waypoints": [[0, 0, north], [120, 120, north]], "depth_m": 10.0}
+        for name, north in (("follower", 0.0), ("escort", ABEAM_M))
+    ]
+    table = {
+        "duration_s": 120.0,
+        "motion": "kinematic",
+        "links": [link],
+        "navigation": {"link": link["name"], "variant": variant},
+        "followers": followers,
+    }
+    return as_scenario(table, changes)
+
+
+def test_cautions_among_beacons_are_of_beacons() -> None:
+    """They have no compass and are where they are said to be, at distances of their own; their
+    navigator has a state for the current.
+    """
+    of_leader = {
+        "sensors.leader_heading_bias_deg": 5.0,
+        "sensors.leader_position_sigma_m": 1.0,
+        "sensors.leader_position_walk_m_sqrt_s": 1.0,
+        "sensors.leader_position_drift_m_s": 1.0,
+    }
+    assert cautions(on_link(BEACON_LINK, **of_leader)) == []
+    in_current = {"motion": "physics", "ocean.current_speed_m_s": 0.1}
+    assert cautions(on_link(BEACON_LINK, **in_current)) == []
+    still = on_link(BEACON_LINK, **in_current, **{"navigation.beacons.current_sigma_m_s": 0.0})
+    assert cautions(still) == ["there is a current; navigator 'beacons' assumes still water"]
+    # of the follower √(50² + x²), of the escort √(100² + x²), x even in 0 … 120 m: half of the
+    # former are above 78.1 m, and all of the latter
+    reach = math.hypot(60.0, ABEAM_M)
+    (line,) = cautions(on_link(BEACON_LINK, **{"acoustics.max_range_m": reach}))
+    assert "75% of the planned distances are longer" in line
+    assert stated_metres(line) == pytest.approx(math.hypot(120.0, 2.0 * ABEAM_M), rel=0.01)
+
+
+def test_cautions_on_the_link_of_a_follower_are_of_that_follower() -> None:
+    """Its compass is off by what its own table says; its clock is that of other followers."""
+    changes = {
+        "acoustics.clock_offset_s": 1e-3,
+        "sensors.leader_heading_bias_deg": 9.0,
+        "followers.1.sensors.heading_bias_deg": 5.0,
+    }
+    (line,) = cautions(on_link(ESCORT_LINK, **changes))
+    assert line.startswith("the compass of escort is off by 5°, which turns fixes about escort")
+    assert stated_metres(line) == pytest.approx(
+        2.0 * math.sin(math.radians(2.5)) * ABEAM_M, rel=0.05
+    )
+    # of the leader's messages
+    by_leader = cautions(on_link(ESCORT_LINK, **changes, **{"navigation.link": "leader"}))
+    assert [line.split(",")[0] for line in by_leader] == [
+        "the clocks differ by up to 1 ms",
+        "the leader's compass is off by 9°",
+    ]
+
+
+def test_a_follower_that_does_not_receive_what_it_navigates_on_is_named() -> None:
+    """Who sends does not either, as it must be."""
+    assert cautions(on_link(ESCORT_LINK)) == []
+    (line,) = cautions(on_link({**BEACON_LINK, "receivers": ["escort"]}))
+    assert line == (
+        "follower does not receive 'lbl', on which it navigates: its receivers are escort"
+    )
+    scenario = on_link({**BEACON_LINK, "receivers": ["escort"]})
+    heard = [len(measured.message) for measured in fly(scenario)[0].measurements]
+    assert heard[0] == 0
+    assert heard[1] > 0
+
+
+def test_errors_are_those_of_the_followers_that_navigate_so() -> None:
+    """A drift of one follower's own log is no matter of the other, whose navigator is told of
+    it.
+    """
+    told = {"variant": "tight", "assume": {"drift": True}}
+    changes = {"navigation.link": "leader", "followers.1.sensors.speed_drift_m_s": 0.1}
+    (line,) = cautions(on_link(ESCORT_LINK, **changes))
+    assert line.startswith("the log's bias drifts by up to 0.1 m/s")
+    assert cautions(on_link(ESCORT_LINK, **changes, **{"followers.1.navigation": told})) == []
+    other = cautions(on_link(ESCORT_LINK, **changes, **{"followers.0.navigation": told}))
+    assert other == [line]
+
+
+def test_an_estimate_that_is_broadcast_has_no_errors_of_a_true_position() -> None:
+    estimating = {
+        "motion": "physics",
+        "leader.hydrophone_m": [0.0, 0.0, 0.1],
+        "leader.navigation": {"variant": "beacons", "link": "lbl"},
+        "links": [{**BEACON_LINK, "receivers": ["leader"]}],
+        "sensors.leader_position_sigma_m": 1.0,
+    }
+    line = only_caution(estimating)
+    assert stated_metres(line) == pytest.approx(1.0)
+    assert cautions(scenario_of({**estimating, "leader.broadcast_position": "estimate"})) == []
+
+
+def test_pings_at_the_end_of_a_message_change_ranges_by_what_is_stated(
+    without_errors: FlightRecord,
+) -> None:
+    changes = {"acoustics.message_length_s": 2.0, "acoustics.ranging_pulse": "end"}
+    line = only_caution(changes)
+    late = fly_with(changes).measurements[0].ranges
+    error = np.abs(late - without_errors.measurements[0].ranges[: len(late)])
+    assert 0.5 * stated_metres(line) < np.nanmax(error) < 1.2 * stated_metres(line)
+    assert cautions(scenario_of({**changes, "acoustics.ranging_pulse": "start"})) == []
 
 
 def test_keys_of_bodies_without_effect_on_points_are_named() -> None:

@@ -126,6 +126,32 @@ def test_bounds_follow_from_the_sound_that_each_follower_receives() -> None:
     assert 0 < np.count_nonzero(lost) < lost.size
 
 
+def test_the_command_prints_the_bound_of_each_followers_own_navigation(tmp_path: Path) -> None:
+    """Where nothing is lost it is that of a flight, whose transmitters are those of its messages;
+    there is none of several links.
+    """
+    table = mission()
+    table["followers"][1]["navigation"] = {"variant": "ekf", "further_links": ["lbl"]}
+    flight = laisn_sim.fly(table)
+    assert all(np.isfinite(m.ranges[:, 0]).all() for m in flight.measurements)
+    file = tmp_path / "mixed.toml"
+    file.write_text(flight.scenario.toml(), encoding="utf-8")
+    written = tmp_path / "bound.csv"
+    result = CliRunner().invoke(
+        app, ["bound", str(file), "--runs", "2", "--out", str(written)], env={"COLUMNS": "200"}
+    )
+    assert result.exit_code == 0, result.output
+    rows = [line.split(",") for line in written.read_text(encoding="utf-8").splitlines()[1:]]
+    for name, expected in zip(OWN_NAVIGATION, flight_bounds(flight), strict=True):
+        actual = [float(bound) for follower, _, bound in rows if follower == name]
+        np.testing.assert_allclose(actual, expected, rtol=1e-6)
+    assert np.isnan(flight_bounds(flight, [1])[0]).all()
+    (line,) = (line for line in result.output.splitlines() if line.startswith("surer"))
+    assert line.split()[1:6] == ["–"] * 5
+    assert "of several links" in result.output
+    assert f"{flight.scenario.variants}, 2 runs" in result.output
+
+
 @pytest.mark.system
 def test_followers_steer_by_their_own_navigators_in_a_closed_loop() -> None:
     in_closed_loop = {"motion": "physics", "duration_s": 8.0}

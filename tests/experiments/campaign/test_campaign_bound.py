@@ -72,6 +72,7 @@ def test_noise_is_that_of_the_sensors_and_biases_are_those_assumed() -> None:
     ("settings", "unknown"),
     [
         (["sensors.leader_heading_bias_deg=2"], {"leader_heading_bias": np.deg2rad(6.0)}),
+        (["leader.sensors.heading_bias_deg=2"], {"leader_heading_bias": np.deg2rad(6.0)}),
         (["ocean.current_speed_m_s=0.1"], {"current": 0.41}),
         (["navigation.variant=tight"], {}),
         (
@@ -90,6 +91,15 @@ def test_further_unknowns_are_those_that_the_mission_has_or_the_navigator_estima
 ) -> None:
     plain, actual = noise_with(NOISY), noise_with([*NOISY, *settings])
     assert vars(actual) == pytest.approx(vars(replace(plain, **unknown)), rel=1e-12)
+
+
+def test_among_beacons_no_leader_has_a_compass() -> None:
+    """Beacons are surveyed: they have neither a heading nor its bias."""
+    links = 'links=[{ name = "lbl", beacons_m = [[0.0, 50.0, 5.0], [50.0, 0.0, 5.0]] }]'
+    among_beacons = [links, "navigation.link=lbl", "navigation.variant=beacons"]
+    actual = noise_with([*NOISY, *among_beacons, "sensors.leader_heading_bias_deg=2"])
+    assert actual.leader_heading_bias == 0.0
+    assert actual.leader_heading_sigma == 0.0
 
 
 def test_with_travel_time_the_leader_is_where_it_was_when_it_sent() -> None:

@@ -24,6 +24,8 @@ from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from experiments.flight.fly import fly
+from experiments.flight.library import as_scenario
 from laisn.messages import Channel, LinkMessages, SensorHeader
 from laisn_sim.cli.main import app
 from sim import attitude
@@ -205,6 +207,48 @@ def test_measurements_are_those_of_the_flight(topics: Topics, flight: FlightReco
             steps = measured.message_step[is_received]
             assert [time_ns for time_ns, _ in messages] == (EPOCH_NS + 10**8 * steps).tolist()
             assert {message.radiation_type for _, message in messages} == {0}
+
+
+def test_covariances_of_log_and_compass_are_the_mean_squares_of_their_errors(
+    tmp_path: Path,
+) -> None:
+    """Of the readings of a mission, over two periods of the drifts; a bias to port and the random
+    part of a compass, which is to starboard, cancel in part.
+    """
+    sensors = {
+        "speed_bias_m_s": 0.15,
+        "speed_sigma_m_s": 0.1,
+        "speed_drift_m_s": 0.2,
+        "heading_bias_deg": 5.0,
+        "heading_sigma_deg": 4.0,
+        "heading_drift_deg": 6.0,
+        "drift_period_s": 200.0,
+    }
+    to_port = {"route": "T5", "name": "to-port", "sensors": {"heading_bias_deg": -5.0}}
+    flown, _ = fly(
+        as_scenario(
+            {
+                "duration_s": 400.0,
+                "motion": "kinematic",
+                "sensors": sensors,
+                "followers": [{"route": "T5", "name": "plain"}, to_port],
+            }
+        )
+    )
+    messages = by_rosbags(export(flown, tmp_path))
+    steps = flown.step_index()
+    for i, name in enumerate(("plain", "to_port")):
+        measured = flown.measurements[i]
+        speed_error = measured.speed - flown.trajectory.forward_speed[steps, i + 1]
+        (_, log) = messages[f"/{name}/speed_log"][-1]
+        assert log.twist.covariance[0] == pytest.approx(np.mean(speed_error**2), rel=0.05)
+        turn = measured.heading - flown.trajectory.heading[steps, i + 1]
+        heading_error = np.remainder(turn + math.pi, 2.0 * math.pi) - math.pi
+        expected = pytest.approx(np.mean(heading_error**2), rel=0.05)
+        (_, imu) = messages[f"/{name}/imu"][-1]
+        (_, pose) = messages[f"/{name}/estimate/pose"][-1]
+        assert imu.orientation_covariance[8] == expected
+        assert pose.pose.covariance[35] == expected
 
 
 def test_a_vehicle_at_030_and_nose_up_points_there(tmp_path: Path) -> None:
