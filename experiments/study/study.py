@@ -274,6 +274,18 @@ def _write_record(
     return read_findings(folder / RECORD)
 
 
+def _warn_of_keys_without_effect(plans: Sequence[StudyPlan]) -> None:
+    """Name, once each, the keys that do nothing in missions whose vehicles move as points."""
+    of_points = (
+        MotionSettings.of(entry.scenario)
+        for plan in plans
+        for entry in plan.entries
+        if entry.scenario.motion == "kinematic"
+    )
+    for remark in dict.fromkeys(line for motion in of_points for line in effect_cautions(motion)):
+        warnings.warn(remark, WithoutEffect, stacklevel=3)
+
+
 def run_studies(
     studies: Mapping[str, Study],
     folder: Path,
@@ -319,14 +331,7 @@ def run_studies(
     quiet = options.get("quiet", False)
     workers = options.get("workers")
     plans = [plan_of(study, quiet=quiet, workers=workers) for study in studies.values()]
-    of_points = (
-        MotionSettings.of(entry.scenario)
-        for plan in plans
-        for entry in plan.entries
-        if entry.scenario.motion == "kinematic"
-    )
-    for remark in dict.fromkeys(line for motion in of_points for line in effect_cautions(motion)):
-        warnings.warn(remark, WithoutEffect, stacklevel=2)
+    _warn_of_keys_without_effect(plans)
     results = fly_until_narrow(plans, folder, **options)
     _require_flown(results, package)
     outcomes = dict(zip(studies, results, strict=True))

@@ -505,7 +505,9 @@ def read(path: Path) -> dict[str, Any]:
     try:
         text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error}") from None
+        of_flight = path / "scenario.toml"
+        hint = f"; the scenario of its flight is {of_flight}" if of_flight.is_file() else ""
+        raise ScenarioError(f"{path}: cannot be read: {error}{hint}") from None
     return parse(text, str(path))
 
 

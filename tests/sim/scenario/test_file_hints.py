@@ -146,3 +146,12 @@ def test_tables_from_python_are_held_to_the_same_bounds() -> None:
     for table in ({"seed": self_containing}, {"seed": 10**5000}, {"name": "\udc80"}, {"\udc80": 1}):
         with pytest.raises(LaisnError):
             laisn_sim.load({"followers": [{"route": "T5"}], **table})
+
+
+def test_the_folder_of_a_flight_is_answered_with_its_scenario(tmp_path: Path) -> None:
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    assert "it is a folder\n" in refusal(str(folder))
+    (folder / "scenario.toml").write_text('name = "mine"\n', encoding="utf-8")
+    expected = f"it is a folder; the scenario of its flight is {folder}/scenario.toml"
+    assert expected in refusal(str(folder))
