@@ -23,7 +23,8 @@ from sim.scenario.sensors import Sensors
 from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.links import AT_REST, Link, named_link, navigated_link
 from sim.sensing.sensors import SensorErrors, errors_of
-from sim.water.assembly import floor_of, planned_places
+from sim.water.assembly import floor_of, planned_places, sound_points
+from sim.water.rays import SoundProfile, mean_slowness
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
 # smaller changes of a range between the pings of a message need no caution: they are below the
@@ -213,6 +214,49 @@ def _clock(navigated: Navigated) -> str:
     )
 
 
+def _range_factors(navigated: Navigated) -> Floats:
+    """What planned ranges are, as followers compute them, of the straight paths; in the order of
+    `Navigated.slant_ranges`.
+    """
+    sound = navigated.sensing.acoustics
+    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    if navigated.sensing.sound_speed != "mean":
+        # of the profile's mean, or of the ray, only the bias remains
+        return np.full(navigated.slant_ranges.size, assumed / sound.sound_speed_m_s)
+    points = sound_points(navigated.sensing.sound)
+    constant = np.array([[0.0, sound.sound_speed_m_s]])
+    profile = SoundProfile.through(constant if points is None else points)
+    sources = [source[:, 2] for _ in navigated.receivers for source in navigated.sources]
+    depths = [
+        np.column_stack([source + offset[:, 2], np.broadcast_to(source, len(offset))])
+        for source, offset in zip(sources, navigated.offsets, strict=True)
+    ]
+    # vehicles at held depths have few pairs
+    pairs, pair_of = np.unique(np.concatenate(depths), axis=0, return_inverse=True)
+    slowness = np.array([mean_slowness(profile, *pair) for pair in pairs.tolist()])
+    return np.asarray(assumed * slowness[pair_of.ravel()])
+
+
+def _sound_speed(navigated: Navigated) -> str:
+    if not navigated.offsets:
+        return ""
+    factors = _range_factors(navigated)
+    errors = (factors - 1.0) * navigated.slant_ranges
+    worst = float(errors[np.argmax(np.abs(errors))])
+    # a navigator that estimates the mean error of ranges expects it within its prior
+    expected = 3.0 * getattr(navigated.settings, "range_scale_bias_sigma", 0.0)
+    if abs(worst) < max(_NOTICEABLE_M, expected):
+        return ""
+    sound = navigated.sensing.acoustics
+    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    speeds = [f"{assumed / factor:.0f}" for factor in (factors.max(), factors.min())]
+    return (
+        f"followers assume a speed of sound of {assumed:.5g} m/s, where its mean between them and "
+        f"{navigated.sender} is {' to '.join(dict.fromkeys(speeds))} m/s, which makes ranges up to "
+        f"{abs(worst):.2g} m too {'long' if worst > 0.0 else 'short'}"
+    )
+
+
 def max_range_rate(navigated: Navigated) -> float:
     """Largest planned rate of the horizontal distance from those who send, growing or shrinking
     [m/s].
@@ -372,6 +416,17 @@ def _follows_drift(settings: Settings, variant: str) -> bool:
 
 
 RULES = (
+    Rule(
+        keys=(
+            "acoustics.sound_speed_bias_m_s",
+            "acoustics.sound_speed_profile",
+            "ocean.sound_speed",
+        ),
+        assumption="",
+        is_assumed=lambda *_: False,
+        effect=_sound_speed,
+        needs="the right speed of sound",
+    ),
     Rule(
         keys=("acoustics.max_range_m",),
         assumption="",

@@ -349,15 +349,14 @@ class CameraRig:
             # the inset shows the follower and its estimate from above, north up
             hydrophone = state.hydrophone[follower - 1]
             reach = 1.5 + 1.6 * float(np.clip(self._value_at(self._error, state.time), 1.0, 8.0))
-            eye = self._in_water(
-                hydrophone + np.array([0.0, 0.0, reach / np.tan(np.radians(60.0) / 2)])
-            )
+            # as the camera `top`, which the surface does not stop: near it, too, the scale holds
+            height = float(reach / np.tan(np.radians(60.0) / 2))
             from_above = View(
-                position=eye,
+                position=hydrophone + np.array([0.0, 0.0, height]),
                 target=hydrophone,
                 up=_NORTH_UP,
                 fovy_deg=60.0,
-                plane_m=float(eye[2] - hydrophone[2]),
+                plane_m=height,
             )
             return Shot(
                 self._profile(state),

@@ -98,6 +98,36 @@ def test_pings_in_slots_change_ranges_by_what_is_stated(without_errors: FlightRe
     )
 
 
+@pytest.mark.parametrize(
+    ("changes", "way"),
+    [
+        ({"acoustics.sound_speed_profile": [[0.0, 1480.0], [30.0, 1440.0]]}, "long"),
+        ({"acoustics.sound_speed_bias_m_s": -20.0}, "short"),
+        (
+            {
+                "acoustics.sound_speed_profile": [[0.0, 1480.0], [30.0, 1440.0]],
+                "acoustics.sound_speed_bias_m_s": 30.0,
+                "navigation.sound_speed": "straight",
+            },
+            "long",
+        ),
+    ],
+)
+def test_a_wrong_speed_of_sound_changes_ranges_by_what_is_stated(
+    without_errors: FlightRecord, changes: dict[str, Any], way: str
+) -> None:
+    line = only_caution(changes)
+    error = fly_with(changes).measurements[0].ranges - without_errors.measurements[0].ranges
+    largest = float(np.nanmax(error) if way == "long" else -np.nanmin(error))
+    assert stated_metres(line) == pytest.approx(largest, rel=0.05)
+    assert f"m too {way};" in line
+    # the profile itself, or errors within what is expected of ranges, need no caution
+    known = {**changes, "navigation.sound_speed": "straight", "acoustics.sound_speed_bias_m_s": 0.0}
+    assert cautions(scenario_of(known)) == []
+    small = {"acoustics.sound_speed_bias_m_s": 2.0}
+    assert cautions(scenario_of(small)) == []
+
+
 def position_error(flight: FlightRecord) -> float:
     """Mean over the second half of the mission [m]."""
     errors = position_and_bearing_errors(flight)[0][0]

@@ -99,6 +99,31 @@ def test_cameras_keep_leader_and_follower_in_the_frame(flight, camera):
             assert shot.view.position[2] < 0
 
 
+@pytest.mark.parametrize("depth", [0.2, 1.2, 3.0, 12.0])
+def test_seen_from_above_a_follower_at_any_depth_has_the_scale_of_the_bar(flight, depth):
+    """A point a metre north of the hydrophone lies focal length / `plane_m` pixels above it, and
+    the estimate in the picture.
+    """
+    truth = flight.trajectory
+    position = truth.position.copy()
+    position[:, 1, 2] = -depth - (flight.hydrophone(0)[0, 2] - truth.position[0, 1, 2])
+    raised = dataclasses.replace(flight, trajectory=synthetic.moved(truth, position=position))
+    data = FilmData(raised, 20.0)
+    rig = CameraRig(data, 16 / 9)
+    for t in (5.0, 30.0, 55.0):
+        state = data.at(t)
+        ((view, _),) = rig.shot("profile", state).insets
+        hydrophone, estimate = state.hydrophone[0], state.estimate[0]
+        points = np.array(
+            [hydrophone, hydrophone + np.array([0, 1.0, 0]), [*estimate[:2], hydrophone[2]]]
+        )
+        pixels, _ = view.project(points, 320, 180)
+        np.testing.assert_allclose(pixels[0], [160, 90], atol=1e-6)
+        scale = 90 / np.tan(np.radians(30)) / view.plane_m
+        np.testing.assert_allclose(pixels[1] - pixels[0], [0, -scale], atol=1e-6)
+        assert np.all((pixels[2] > 0) & (pixels[2] < [320, 180]))
+
+
 @pytest.mark.parametrize("pitch_deg", [-15.0, 15.0])
 def test_the_film_of_the_diving_leader_shows_its_pitch(flight, pitch_deg):
     """Its hull of 2 m takes a tenth of the picture at least, and leans by half of its pitch or
