@@ -111,6 +111,15 @@ def forward_of(quaternion: Quaternion) -> tuple[Any, Any, Any]:
 
 
 @jitable
+def heel_of(quaternion: Quaternion) -> Any:
+    """Sine of the heel, the angle of the port axis above the level, positive starboard down; four
+    components, numbers or arrays.
+    """
+    # up of the second column of R
+    return 2.0 * (quaternion[2] * quaternion[3] + quaternion[0] * quaternion[1])
+
+
+@jitable
 def body_point_in_world(pose: Pose, offset: Vector | Floats) -> Any:
     """East, north, up of a point of a hull by its position and quaternion, and the point's
     `offset` in the body [m].

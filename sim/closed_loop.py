@@ -89,6 +89,7 @@ class ClosedLoopState(NamedTuple):
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: Bools  # whether the navigator of each follower estimates a current, (f,)
+    holds_roll: Bools  # whether each follower holds roll, shape (f,)
     leader_on_route: bool  # whether the leader keeps to its route by the truth
     # what messages of the leader hold that left at each of n filter steps and at the start, where
     # that is its own estimate: numbers of `LeaderMessage`, shape (n + 1, 10). Else, where messages
@@ -102,7 +103,7 @@ class ClosedLoopState(NamedTuple):
     # control of the leader and of followers that steer by the truth; it holds all commands
     routes: RouteControl
     readings: Records  # readings of each follower's sensors, of `laisn.swarm.READING`, shape (f,)
-    reading_values: Floats  # the same memory as numbers, shape (f, 6)
+    reading_values: Floats  # the same memory as numbers, shape (f, 8)
     inbox: reception.Inbox  # what each follower has received
     arrived: Bools  # whether a message is in at this filter step, shape (f,)
     # what accelerations add to the leader's measured pitch and roll at each instant, shape
@@ -180,6 +181,7 @@ def init_closed_loop(
         look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
         estimates_current=np.array([id(table) in estimating_current for table in navigations]),
+        holds_roll=routes.autopilot_designs["holds_roll"][1:].copy(),
         leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
@@ -240,6 +242,8 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
             state.instrument_noise,
             state.reading_values[i],
         )
+        if state.holds_roll[i]:
+            own_sensors.read_roll(state.sensors, step, i, body, state.reading_values[i])
     if k > 0 and state.look_every > 0 and k % state.look_every == 0:
         _look_around(k, truth, state)
     for i in range(state.kinds.size):
@@ -343,6 +347,8 @@ def _true_estimate(
     reading.pitch = motion.pitch
     reading.turning = motion.turning
     reading.pitching = motion.pitching
+    reading.heel = motion.heel
+    reading.rolling = motion.rolling
     track_current((water[0], water[1]), TICK, guidance)
     estimate.log_bias = estimate.compass_bias = estimate.position_sigma = 0.0
     estimate.position[0], estimate.position[1], _ = body_point_in_world(pose, hydrophone)

@@ -21,6 +21,7 @@ from sim.control.autopilot import (
     SPEED_HEAVE,
     SPEED_PITCH,
     Autopilot,
+    can_roll,
     greatest_forces,
 )
 from sim.control.stability import require_stable
@@ -537,11 +538,15 @@ def _transmitters_off_axis(plan: MissionPlan, leader: Leader) -> list[str]:
 
 
 def effect_cautions(motion: MotionSettings) -> list[str]:
-    """A line that names keys which are set and have no effect, as they are of bodies in water and
-    vehicles move as points.
+    """Lines that name keys which are set and have no effect: of bodies in water, where vehicles
+    move as points, and of roll, where effectors cannot hold it.
     """
     if motion.kind == "physics":
-        return []
+        return [
+            f"without effect: {name}.roll_control = 'free', as its effectors give no moment of roll"
+            for name, vehicle in motion.plan.vehicles()
+            if vehicle.roll_control == "free" and not can_roll(_design_of(hull_of(motion, vehicle)))
+        ]
     keys = [f"ocean.{key}" for key in motion.sea.ocean.changed_keys() if key in _OF_WATER]
     for name, vehicle in motion.plan.vehicles():
         keys += [f"{name}.{key}" for key in vehicle.changed_keys() if key in HULL_KEYS]

@@ -18,6 +18,7 @@ from sim.water.ocean import Ocean
 
 HULL_KEYS = (  # keys of a vehicle, beside its model, on which its motion depends
     "depth_control",
+    "roll_control",
     "cg_offset_x_m",
     "cg_offset_z_m",
     "drag_scale",

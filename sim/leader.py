@@ -16,6 +16,7 @@ from laisn.estimates import Estimates
 from laisn.messages import Reception
 from laisn.navigators import find
 from laisn.swarm import ESTIMATE, READING, SeparateNavigators, SwarmRecord, write_start
+from sim.attitude import heel_of
 from sim.control import follower as steering
 from sim.custom_control import CustomControl, readings_of
 from sim.custom_sensing import Carrier, CustomSensing
@@ -57,6 +58,16 @@ def _read_instruments(
     (reading.pitch,) = sensors.Inclinometer.read(e, (instant.pitch,), tilt)
     rates = (instant.angular_velocity[2], instant.angular_velocity[1])
     reading.turning, reading.pitching = sensors.Gyros.read(e, rates, gyro)
+
+
+def _read_roll(
+    e: SensorErrors, address: noise.Address, pose: Floats, twist: Floats, reading: Record
+) -> None:
+    """Read heel and rate of roll of a leader that holds roll, as of a follower."""
+    tilt = noise.normals_at(address, noise.Stream.LEADER_TILT)
+    gyro = noise.normals_at(address, noise.Stream.LEADER_ROLL_GYRO)
+    reading.heel = sensors.read_heel(e, heel_of(pose[3:]), tilt)
+    reading.rolling = sensors.read_rolling(e, twist[3], gyro)
 
 
 def needs_unit(leader: Leader, links: LinkSettings) -> bool:
@@ -192,9 +203,10 @@ class LeaderUnit:
             instant = sensors.instant_of(
                 (step * self._dt, 0), motion, self._depth_sensor, (0.0, 0.0)
             )
-            _read_instruments(
-                self._errors, self._address._replace(step=step), instant, self.reading[0]
-            )
+            address = self._address._replace(step=step)
+            _read_instruments(self._errors, address, instant, self.reading[0])
+            if self._routes.autopilot_designs[LEADER]["holds_roll"]:
+                _read_roll(self._errors, address, motion[0], motion[1], self.reading[0])
             for receiver in self._receivers:
                 receiver.receive(k, [self._receiver_number])
                 receiver.take_readings(k, [self._receiver_number])

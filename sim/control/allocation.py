@@ -7,8 +7,9 @@ with the square of the speed (`pseudo_inverse_at`). Where limits do not allow u,
 added one after another in the order of `PRIORITY`, each with the largest share that keeps all
 effectors within their limits.
 
-P leaves the moment of roll open. Where it is asked for, `add_roll` adds to u what gives the moment
-and leaves the other components as they are, as far as limits allow.
+P leaves the moment of roll open. Where it is asked for, by a user's wrench or an autopilot that
+holds roll, `add_roll` adds to u what gives the moment and leaves the other components as they are,
+as far as limits allow.
 """
 
 import numpy as np
@@ -83,6 +84,24 @@ def _weighted_inverse(unit: Floats, reach: Floats, axes: list[int]) -> Floats:
     weighted = reach[:, None] ** 2 * b.T  # W⁻¹ Bᵀ
     inverse: Floats = weighted @ np.linalg.inv(b @ weighted)
     return inverse
+
+
+def greatest_roll(inverse: Floats, limits: Floats) -> float:
+    """Largest moment of roll to either side that effectors give beside nothing else [N m]; 0 where
+    they give none independently.
+
+    `inverse` is of `pseudo_inverse`, `limits` are as there.
+    """
+    steps = inverse[:, ROLL]
+    moving = steps != 0.0
+    if not moving.any():
+        return 0.0
+    lowest, highest = limits[moving].T
+    sides = [
+        (np.where(side * steps[moving] > 0.0, highest, lowest) / (side * steps[moving])).min()
+        for side in (1.0, -1.0)
+    ]
+    return float(min(sides))
 
 
 @compiled

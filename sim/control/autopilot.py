@@ -3,9 +3,11 @@ times a second.
 
 PID by pole placement with feedforward of the reference (Fossen, Handbook of Marine Craft
 Hydrodynamics and Motion Control, 2nd ed. 2021). The bandwidth of the attitude loops is ω = 1 / (4 ×
-lag of the slowest effector that turns the hull, 0.3 s or more). All others follow:
+lag of the slowest effector that turns the hull, 0.3 s or more), of roll likewise by those that roll
+it. All others follow:
 
     heading, pitch    ω, relative damping 1; integral ω/10
+    roll              ω, relative damping 1, beside the hull's own righting moment; integral ω/10
     sway              side slip is taken out with ω/2, so that the vehicle goes where it points,
                       also in turns
     speed             ω/2; integral ω/10
@@ -13,8 +15,9 @@ lag of the slowest effector that turns the hull, 0.3 s or more). All others foll
 
 By pitch, the hull climbs and dives, and takes the incidence whose lift holds its depth; what it
 cannot lift, and all of it when it is slow, vertical thrusters carry, where it has them. By thrust,
-they carry all. Integrals stand still while limits withhold their part of the wrench and they would
-push further (conditional integration).
+they carry all. Roll is held at zero by what the other components leave of the effectors' limits, if
+these have the authority or `roll_control` says so. Integrals stand still while limits withhold
+their part of the wrench and they would push further (conditional integration).
 
 Functions take `d`, the design of an autopilot, a record of AUTOPILOT; `memory`, of
 AUTOPILOT_MEMORY; and `reference`, of `sim.control.guidance`.
@@ -43,6 +46,7 @@ from sim.control.allocation import (
     add_roll,
     allocate,
     clip,
+    greatest_roll,
     pseudo_inverse,
     pseudo_inverse_at,
 )
@@ -54,6 +58,7 @@ from sim.vehicle.mjcf import inertia_tensor
 from sim.vehicle.plant import Plant
 
 DepthControl = Literal["pitch", "thrust"]
+RollControl = Literal["hold", "free"]
 
 
 class AutopilotMemory(RecordFields):
@@ -63,6 +68,7 @@ class AutopilotMemory(RecordFields):
     speed_integral: float  # [N]
     pitch_integral: float  # [N m]
     depth_integral: float  # [N]
+    roll_integral: float  # [N m]
     pitch_command: float  # [rad]
     # room for what a control step computes
     wrench: Annotated[Floats, (6,)]
@@ -84,19 +90,26 @@ MIN_LAG = 0.3
 # between [m/s]
 SPEED_HEAVE = 0.3
 SPEED_PITCH = 0.6
+# roll is held by default where effectors give, at `MIN_STEERAGE_SPEED`, the moment that heels the
+# hull by this angle [rad] (an assumption): the fins of a LAUV, which hold roll at sea, give that of
+# 4.5°, those of a REMUS 100, which are driven in pairs, would give that of 0.9°
+HELD_HEEL = float(np.deg2rad(1.5))
 
 
 class Autopilot(RecordFields):
     """Parameters of the autopilot of one vehicle; rows beyond its effectors are zero."""
 
     omega: float  # bandwidth of the attitude loops [rad/s]
+    roll_omega: float  # of roll [rad/s]
     # masses and inertias include the added ones
     surge_mass: float  # [kg]
     sway_mass: float
     heave_mass: float
-    pitch_inertia: float  # [kg m²]
+    roll_inertia: float  # [kg m²]
+    pitch_inertia: float
     yaw_inertia: float
-    righting: float  # righting moment of weight and buoyancy per pitch [N m/rad]
+    # righting moment of weight and buoyancy per pitch, and per sine of the heel [N m/rad]
+    righting: float
     # drag of surge at u: (drag_linear exp(−drag_fade |u|) + drag |u|) u
     drag_linear: float  # [N s/m]
     drag_fade: float  # [s/m]
@@ -116,6 +129,7 @@ class Autopilot(RecordFields):
     has_heave: float  # 1: vertical thrusters, 0: depth by pitch at any speed
     density: float  # [kg/m³]
     scheduled: bool  # whether the allocation depends on the speed, as with fins
+    holds_roll: bool  # whether roll is held at zero; else it is left to the hull
     effectors: Annotated[Records, EFFECTOR, (MAX_EFFECTORS,)]
     # forces per unit of a wrench, at `MIN_STEERAGE_SPEED` and at `allocation.FULL_STEERAGE_SPEED`
     slow_allocation: Annotated[Floats, (MAX_EFFECTORS, 6)]
@@ -130,16 +144,22 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     AUTOPILOT, shape (v,).
 
     A vehicle without `depth_control` holds its depth by pitch if its hull or fins lift or it has no
-    vertical thrusters, else by thrust. LaisnError if its effectors or hull lack what its autopilot
-    needs; the text names it.
+    vertical thrusters, else by thrust. One whose settings have no `roll_control` holds roll if its
+    effectors can at `HELD_HEEL`. LaisnError if its effectors or hull lack what its autopilot needs;
+    the text names it.
     """
     model = plant.model
     masses = (model.body_mass, model.body_ipos, model.body_inertia, model.body_iquat)
-    cache_key = (depth_control, *(values.tobytes() for values in masses))
-    return plant.kept_design(cache_key, partial(_design, plant, depth_control))
+    roll_control = tuple(setup.settings.roll_control for setup in plant.setups)
+    cache_key = (depth_control, roll_control, *(values.tobytes() for values in masses))
+    return plant.kept_design(cache_key, partial(_design, plant, depth_control, roll_control))
 
 
-def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.NDArray[np.void]:
+def _design(
+    plant: Plant,
+    depth_control: tuple[DepthControl | None, ...],
+    roll_control: tuple[RollControl | None, ...],
+) -> npt.NDArray[np.void]:
     model = plant.model
     records = np.zeros(len(plant.names), AUTOPILOT)
     allocations = dict[tuple[bytes, bool], list[Floats]]()
@@ -173,9 +193,11 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
             ]
         slow, fast = allocations[allocation_key]
         turns_hull = slow[:, [PITCH, YAW]].any(axis=1)
-        record["omega"] = 1.0 / (4.0 * max(fitted["lag"][turns_hull].max(initial=0.0), MIN_LAG))
+        record["omega"] = _bandwidth(fitted["lag"][turns_hull])
+        record["roll_omega"] = _bandwidth(fitted["lag"][slow[:, ROLL] != 0.0])
         record["surge_mass"], record["sway_mass"], record["heave_mass"] = mass + added[:3]
         inertia = inertia_tensor(model, body.id)
+        record["roll_inertia"] = inertia[0, 0] + mass * (centre[1] ** 2 + centre[2] ** 2) + added[3]
         record["pitch_inertia"] = (
             inertia[1, 1] + mass * (centre[0] ** 2 + centre[2] ** 2) + added[4]
         )
@@ -217,9 +239,32 @@ def _design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt
         record["slow_allocation"][: fitted.size] = slow
         record["fast_allocation"][: fitted.size] = fast
         record["scheduled"] = not np.array_equal(slow, fast)
+        record["holds_roll"] = _holds_roll(record, fitted, roll_control[i])
         _require_control(name, record, mode)
     records.flags.writeable = False
     return records
+
+
+def _bandwidth(lags: Floats) -> float:
+    """Bandwidth of loops whose effectors have these lags [rad/s]."""
+    return 1.0 / (4.0 * max(float(lags.max(initial=0.0)), MIN_LAG))
+
+
+def _holds_roll(
+    record: np.void, fitted: npt.NDArray[np.void], roll_control: RollControl | None
+) -> bool:
+    """Whether an autopilot, with its allocation and its righting moment, holds roll."""
+    if roll_control is not None:
+        return roll_control == "hold"
+    limits = effectors.force_limits_of(fitted, float(record["density"]), MIN_STEERAGE_SPEED)
+    attainable = greatest_roll(record["slow_allocation"][: fitted.size], limits)
+    heeling = abs(float(record["righting"])) * np.sin(HELD_HEEL)
+    return bool(attainable > 0.0 and attainable >= heeling)
+
+
+def can_roll(d: Autopilot | np.void) -> bool:
+    """Whether the effectors give a moment of roll without changing the other components."""
+    return bool(d["slow_allocation"][:, ROLL].any())
 
 
 def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
@@ -234,6 +279,12 @@ def _require_control(name: str, record: np.void, mode: DepthControl) -> None:
         raise LaisnError(
             f"{name}: the effectors cannot give {' and '.join(missing)} independently of the other "
             f"components that depth_control = {mode!r} needs ({', '.join(demands)})"
+        )
+    if record["holds_roll"] and not can_roll(record):
+        raise LaisnError(
+            f"{name}: roll_control = 'hold' needs effectors that give a moment of roll "
+            "independently of the other components, such as two vertical thrusters side by side or "
+            "four moving fins"
         )
     if mode == "pitch" and not record["lift"] > 0.0:
         raise LaisnError(
@@ -373,6 +424,10 @@ class HullMotion(NamedTuple):
     turning: float  # rate of turn about the hull's upward axis, positive to port [rad/s]
     pitch: float  # positive nose up [rad]
     pitching: float  # rate of turn about the hull's port axis, positive nose down [rad/s]
+    # sine of the heel, the angle of the port axis above the level, positive starboard down; 0 where
+    # roll is not held and nothing measures it, as the next one
+    heel: float
+    rolling: float  # rate of turn about the hull's forward axis, positive starboard down [rad/s]
     depth: float  # [m]
     sinking: float  # [m/s]
 
@@ -386,7 +441,18 @@ def true_motion(pose: Pose, twist: Twist, water: Vector | Floats) -> HullMotion:
     sway = flow[0] * port[0] + flow[1] * port[1] + flow[2] * port[2]
     heading = arctan2(forward[0], forward[1])
     pitch = arcsin(clip(forward[2], -1.0, 1.0))
-    return HullMotion(surge, sway, heading, twist[5], pitch, twist[4], -pose[2], -twist[2])
+    return HullMotion(
+        surge,
+        sway,
+        heading,
+        twist[5],
+        pitch,
+        twist[4],
+        port[2],
+        twist[3],
+        -pose[2],
+        -twist[2],
+    )
 
 
 @compiled
@@ -407,6 +473,18 @@ def _allocate_forces(
 
 
 @compiled
+def _give_roll(d: Autopilot, roll: float, memory: AutopilotMemory, command: Floats) -> None:
+    """Add to forces of `_allocate_forces` what gives a moment of roll [N m], as far as limits
+    allow; `memory.wrench` has what they really give.
+    """
+    if d.scheduled:
+        given = add_roll(memory.allocation, memory.limits, d.effectors, roll, command)
+    else:
+        given = add_roll(d.slow_allocation, memory.limits, d.effectors, roll, command)
+    memory.wrench[ROLL] = given
+
+
+@compiled
 def _write_states(kinds: effectors.Kinds, d: Autopilot, surge: float, command: Floats) -> None:
     """Turn forces into the states that give them."""
     for i in range(command.shape[0]):
@@ -424,12 +502,32 @@ def apply_wrench(
     """
     roll = memory.wrench[ROLL]
     _allocate_forces(kinds, d, surge, memory, command)
-    if d.scheduled:
-        given = add_roll(memory.allocation, memory.limits, d.effectors, roll, command)
-    else:
-        given = add_roll(d.slow_allocation, memory.limits, d.effectors, roll, command)
-    memory.wrench[ROLL] = given
+    _give_roll(d, roll, memory, command)
     _write_states(kinds, d, surge, command)
+
+
+@compiled
+def _hold_roll(
+    d: Autopilot, motion: HullMotion, dt: float, memory: AutopilotMemory, command: Floats
+) -> None:
+    """Add to forces of `_allocate_forces` what brings roll to zero, and bring its integral forward.
+
+    K = −I_x (ω² sin φ + 2 ω p) + integral, beside the hull's own −k sin φ; the integral takes out
+    what I_x ω² + k leaves of a constant moment, with a time constant of 10/ω.
+    """
+    omega = d.roll_omega
+    stiffness = d.roll_inertia * omega * omega
+    roll_moment = (
+        memory.roll_integral
+        - stiffness * motion.heel
+        - 2.0 * d.roll_inertia * omega * motion.rolling
+    )
+    _give_roll(d, roll_moment, memory, command)
+    # a hull that does not right itself is held by the stiffness of the law alone
+    held_stiffness = stiffness + max(d.righting, 0.0)
+    memory.roll_integral += _increment(
+        -0.1 * omega * held_stiffness * motion.heel * dt, roll_moment, memory.wrench[ROLL]
+    )
 
 
 @compiled
@@ -521,8 +619,10 @@ def control(
     wrench[HEAVE] = heave_force
     wrench[PITCH] = -pitch_moment
     wrench[YAW] = turn_moment
-    # the hull rights itself: no effector is kept from moving it for a moment of roll
     _allocate_forces(kinds, d, surge, memory, command)
+    if d.holds_roll:
+        # after the other components, whose own moments of roll are taken back
+        _hold_roll(d, motion, dt, memory, command)
     _write_states(kinds, d, surge, command)
     omega_cubed = omega * omega * omega
     memory.speed_integral += _increment(

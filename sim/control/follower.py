@@ -302,7 +302,16 @@ def measured_motion(
     if memory.by_thrust:
         sinking = _followed_sinking(reading.depth, dt, memory)
     return HullMotion(
-        surge, 0.0, heading, reading.turning, pitch, reading.pitching, reading.depth, sinking
+        surge,
+        0.0,
+        heading,
+        reading.turning,
+        pitch,
+        reading.pitching,
+        reading.heel,
+        reading.rolling,
+        reading.depth,
+        sinking,
     )
 
 

@@ -16,7 +16,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled
 from laisn.errors import LaisnError
 from sim.attitude import Vector, cross, matvec, minus, plus, transposed
-from sim.control.allocation import HEAVE, PITCH, SURGE, SWAY, YAW, pseudo_inverse_at
+from sim.control.allocation import HEAVE, PITCH, ROLL, SURGE, SWAY, YAW, pseudo_inverse_at
 from sim.control.autopilot import SPEED_HEAVE, SPEED_PITCH, Autopilot, greatest_forces, top_speed
 from sim.control.guidance import CATCH_UP, PLANNED_TURN_SHARE
 from sim.scenario.point_motion import SPEED_MIN, TURN_RATE
@@ -119,6 +119,10 @@ def _feedback(d: Autopilot, climb: Floats, speed: Floats) -> Floats:
     for axis, inertia in ((PITCH, d["pitch_inertia"]), (YAW, d["yaw_inertia"])):
         feedback[:, axis, axis] = -2.0 * omega * inertia
         feedback[:, axis, axis + 3] = -omega * omega * inertia
+    if d["holds_roll"]:
+        roll_omega = d["roll_omega"]
+        feedback[:, ROLL, ROLL] = -2.0 * roll_omega * d["roll_inertia"]
+        feedback[:, ROLL, ROLL + 3] = -roll_omega * roll_omega * d["roll_inertia"]
     slip_stiffness = d["yaw_munk"] * speed**2
     feedback[:, YAW, YAW] -= np.sqrt(slip_stiffness * d["yaw_inertia"])
     feedback[:, YAW, YAW + 3] -= slip_stiffness
@@ -240,7 +244,9 @@ def _state_matrices(hull: _ControlledHull, equilibria: Floats) -> Floats:
     ).reshape(n, 18, 6)
     # change of each component of the wrench per velocity or angle, shape (n, 6, 9)
     slopes = (forces[:, :9] - forces[:, 9:]).swapaxes(1, 2)
-    lag = 0.25 / d["omega"]
+    lag = np.full((6, 1), 0.25 / d["omega"])
+    if d["holds_roll"]:
+        lag[ROLL] = 0.25 / d["roll_omega"]
     matrices = np.zeros((n, 16, 16))
     matrices[:, :6, :9] = hull.inverse @ slopes / (2.0 * _DIFFERENCE_STEP)
     matrices[:, :6, 10:] = hull.inverse
@@ -256,12 +262,19 @@ def _state_matrices(hull: _ControlledHull, equilibria: Floats) -> Floats:
 
 
 def _allocations(d: Autopilot, speeds: Floats, count: int) -> Floats:
-    """Forces of `count` effectors per unit of a wrench at speeds of shape (n,), (n, count, 6)."""
+    """Forces of `count` effectors per unit of a wrench at speeds of shape (n,), (n, count, 6);
+    where roll is held, components but roll have no moment of roll.
+    """
     slow = d["slow_allocation"][:count]
     fast = d["fast_allocation"][:count]
     allocations = np.empty((speeds.size, count, 6))
     for allocation, speed in zip(allocations, speeds.tolist(), strict=True):
         pseudo_inverse_at(slow, fast, speed, allocation)
+    if d["holds_roll"]:
+        # as `add_roll` does
+        by_products = d["effectors"]["torque"][:count, 0] @ allocations
+        by_products[:, ROLL] = 0.0
+        allocations -= allocations[:, :, [ROLL]] * by_products[:, None, :]
     return allocations
 
 

@@ -108,6 +108,11 @@ class Vehicle(Section):
         description="by hull pitch, or level by vertical thrusters; default: by pitch if the hull "
         "lifts",
     )
+    roll_control: Literal["hold", "free"] | None = Field(
+        None,
+        description="at zero by the effectors, or left to the hull; default: held if the effectors "
+        "have the authority (docs/vehicles.md)",
+    )
     controller: Annotated[str, Field(pattern=CUSTOM_CLASS)] | None = Field(
         None, description="own controller, module:Class; route or station give the start"
     )

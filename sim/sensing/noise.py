@@ -58,8 +58,9 @@ class Stream(IntEnum):
     ECHO = 4  # uniforms and normals at a reception: multipath
     LOSS = 5  # uniforms at a reception: lost messages and ranges
     GYRO = 6  # normals at every step: rates of turn about the hull's up and port axes
-    TILT = 7  # normal at every step: the follower's inclinometer
+    TILT = 7  # normals at every step: the follower's inclinometer along and across the hull
     DVL = 8  # normals at a reading: the follower's Doppler velocity log, where it has one
+    ROLL_GYRO = 9  # normal at every step: rate of turn about the hull's forward axis
     # normals at a look at a vehicle, the leader being vehicle 0; see `number_of_look`
     NEARBY = 64
     LEADER_MOTION = LEADER_STREAMS  # normals at an emission: the leader's speed log, compass
@@ -68,7 +69,8 @@ class Stream(IntEnum):
     LEADER_POSITION = LEADER_STREAMS + 3  # normals at an emission: its position, east, north
     LEADER_POSITION_WALK = LEADER_STREAMS + 4  # normals at every step: the walk of these
     LEADER_GYRO = LEADER_STREAMS + 5  # normals at every step: the leader's own gyros, as GYRO
-    LEADER_TILT = LEADER_STREAMS + 6  # normal at every step: the leader's own inclinometer
+    LEADER_TILT = LEADER_STREAMS + 6  # normals at every step: its own inclinometer, as TILT
+    LEADER_ROLL_GYRO = LEADER_STREAMS + 7  # normal at every step: its own gyro, as ROLL_GYRO
 
     def number(self, follower: int = 0) -> int:
         """Number of the stream for a follower (0, 1, …); the leader's streams have one for all."""

@@ -11,11 +11,17 @@ from numba import literal_unroll
 
 from laisn.arrays import Floats, Ints
 from laisn.compiled import compiled, jitable
+from laisn.swarm import READING
+from sim.attitude import heel_of
 from sim.sensing import noise, sensors
 from sim.sensing.noise import Address
 from sim.sensing.sensor_model import SensorModel
 
 _INSTRUMENT_STREAMS = tuple(sorted({sensor.stream for sensor in sensors.INSTRUMENTS}))
+# compiled code holds numbers, not the members of an enum
+_TILT = int(noise.Stream.TILT)
+_ROLL_GYRO = int(noise.Stream.ROLL_GYRO)
+_HEEL, _ROLLING = ((READING.names or ()).index(name) for name in ("heel", "rolling"))
 # pose, twist and water velocity of a vehicle, shapes (7,), (6,) and (3,)
 State = tuple[Floats, Floats, Floats]
 
@@ -76,8 +82,8 @@ def read_instruments(
     drawn: InstrumentNoise,
     reading: Floats,
 ) -> None:
-    """Read all of a follower's own sensors at filter step k, in the order of
-    `laisn.swarm.READING`, with noise that is drawn ahead where that of step k is not yet.
+    """Read all of a follower's own sensors, but for those of `read_roll`, at filter step k, in the
+    order of `laisn.swarm.READING`, with noise that is drawn ahead where that of step k is not yet.
     """
     if not 0 <= k - drawn.first[0] < noise.STEPS_AHEAD:
         _draw_instruments(s, k, drawn)
@@ -90,3 +96,17 @@ def read_instruments(
         sensors.write_channels(
             sensor.read(e, sensor.true(e, instant, None), draws), sensor.column, reading
         )
+
+
+@compiled
+def read_roll(s: SensorModel, k: int, follower: int, state: State, reading: Floats) -> None:
+    """Read heel and rate of roll of a follower that holds roll, at filter step k, in the order of
+    `laisn.swarm.READING`.
+
+    Apart from the other instruments, so that vehicles which do not hold roll draw nothing for it.
+    """
+    e = s.errors[follower]
+    address = Address(s.seed, s.run, follower, k)
+    pose, twist, _ = state
+    reading[_HEEL] = sensors.read_heel(e, heel_of(pose[3:]), noise.normals_at(address, _TILT))
+    reading[_ROLLING] = sensors.read_rolling(e, twist[3], noise.normals_at(address, _ROLL_GYRO))

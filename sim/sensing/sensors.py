@@ -381,6 +381,20 @@ def read_depth(e: SensorErrors, true: float, normals: tuple[float, float]) -> An
 
 
 @formula
+def read_heel(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
+    """Inclinometer across the hull of a vehicle that holds roll: the sine of its heel [-]. That
+    along the hull takes the first normal.
+    """
+    return true + e.tilt_sigma * normals[1]
+
+
+@formula
+def read_rolling(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
+    """Gyro about the forward axis of a vehicle that holds roll [rad/s]."""
+    return true + e.gyro_sigma * normals[0]
+
+
+@formula
 def read_leader_speed(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
     """Speed log of the leader, as `read_speed` [m/s]."""
     measured = true + e.leader_speed_bias + e.leader_speed_sigma * normals[0]

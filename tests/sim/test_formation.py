@@ -237,7 +237,7 @@ def test_the_controller_does_not_use_the_truth() -> None:
         np.zeros(1, dtype=np.int64),
         record(STATION, 20.0, 5.0, 12.0, 0.0),
     )
-    reading, reference = record(READING, 1.2, 0.1, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
+    reading, reference = record(READING, 1.2, 0.1, 12.0, *[0.0] * 5), record(REFERENCE)
     estimate = record(ESTIMATE)
     estimate.log_bias, estimate.compass_bias = 0.2, 0.1
     init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)
@@ -314,7 +314,7 @@ def commands_without_messages(
         np.zeros(1, dtype=np.int64),
         record(STATION, 20.0, 0.0, 12.0, 0.0),
     )
-    reading, reference = record(READING, 1.0, 0.0, 12.0, 0.0, 0.0, 0.0), record(REFERENCE)
+    reading, reference = record(READING, 1.0, 0.0, 12.0, *[0.0] * 5), record(REFERENCE)
     estimate, commands = record(ESTIMATE), []
     estimate.position_sigma = position_sigma
     init_memory(message(0.0, 0.0, 0.0, 0.0, 1.0), trail, count, memory)

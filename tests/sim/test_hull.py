@@ -25,6 +25,7 @@ from sim.vehicle.effector_kinds import Thruster
 CHANGED_KEYS = {
     "model": "leader",
     "depth_control": "thrust",
+    "roll_control": "free",
     "cg_offset_x_m": 0.02,
     "cg_offset_z_m": -0.01,
     "drag_scale": 1.3,
@@ -112,7 +113,11 @@ def refuse_with_numbers(plant, designs, max_speed, orbital_speed, *, min_speed, 
 
 def test_kept_checks_are_those_of_their_hulls_and_speeds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(feasibility, "require_stable", refuse_with_numbers)
-    cases = [(hull, SPEEDS, 0.0) for hull in changed_hulls()]
+    # a follower leaves roll free as it is
+    own = [hull for hull in changed_hulls() if hull.settings.roll_control is None]
+    lauv = {"model": "lauv", "excess_buoyancy_n": 0.0}
+    own += [hull_with(**lauv, roll_control=control) for control in ("hold", "free")]
+    cases = [(hull, SPEEDS, 0.0) for hull in own]
     cases += [
         (hull_with(), SPEEDS._replace(slowest=0.3), 0.0),
         (hull_with(), SPEEDS._replace(fastest=1.3), 0.0),

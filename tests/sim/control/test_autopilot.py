@@ -41,7 +41,8 @@ def lateral_pair(bow, stern, limits):
 
 def allocated(records, **wanted):
     """Commands for a wrench, and the wrench that they produce; components by their names in lower
-    case. With roll it is the wrench of a user, without it one of the autopilot.
+    case. With roll it is the wrench of a user or of an autopilot that holds roll, without it one of
+    an autopilot that leaves roll to the hull.
     """
     wrench = np.zeros(6)
     for name, value in wanted.items():
@@ -146,7 +147,7 @@ def test_a_wrench_of_a_user_has_the_roll_that_is_asked_for(sway, roll):
     assert command[4] - command[5] == pytest.approx((roll + 0.1 * sway) / 0.15)
 
 
-def test_the_autopilot_leaves_roll_to_the_hull():
+def test_forces_that_are_allocated_without_roll_leave_it_open():
     command, produced = allocated(seven_thrusters(), sway=2.0)
     assert command[4:] == pytest.approx([0, 0, 0])
     assert command[2:4] == pytest.approx([1, 1])
@@ -370,6 +371,8 @@ def test_motion_through_the_water_is_along_the_hulls_own_axes():
                 twist[5],
                 np.arcsin(forward[2]),
                 twist[4],
+                rotation.apply([0.0, 1.0, 0.0])[2],
+                twist[3],
                 9.0,
                 -twist[2],
             )
@@ -393,6 +396,8 @@ def test_integrals_follow_their_errors_until_thrusters_are_at_their_limit(sign):
             turning=sign * rate,
             pitch=-sign * angle,
             pitching=sign * rate,
+            heel=0.0,
+            rolling=0.0,
             depth=10.0 - sign * depth,
             sinking=0.0,
         )

@@ -142,6 +142,8 @@ def test_commands_and_memory_follow_the_law(
         turning=0.03,
         pitch=0.06,
         pitching=-0.02,
+        heel=0.05,
+        rolling=0.01,
         depth=10.0 - depth_error,
         sinking=0.02,
     )

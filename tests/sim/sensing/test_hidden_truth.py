@@ -70,6 +70,8 @@ def world(variant: str, hidden_errors: bool, **formation: Any) -> Scenario:
         {
             "name": "route",
             "guidance_position": "estimate",
+            # holds roll
+            "model": "lauv",
             "depth_m": 17.0,
             "waypoints": [[0, -20, -9], [100, 80, -9]],
         },
@@ -134,6 +136,12 @@ class Taped:
 
 class TapedOwnSensors(Taped):
     """`sim.sensing.own_sensors`."""
+
+    has_read_roll = False
+
+    def read_roll(self, *arguments: Any) -> None:
+        self._tape.pass_through(lambda: own_sensors.read_roll(*arguments), (arguments[-1],))
+        self.has_read_roll = True
 
     def read_instruments(self, *arguments: Any) -> None:
         self._tape.pass_through(lambda: own_sensors.read_instruments(*arguments), (arguments[-1],))
@@ -245,7 +253,8 @@ def test_commands_do_not_depend_on_what_is_hidden(
     }
     for name, function in in_python.items():
         monkeypatch.setattr(closed_loop, name, getattr(function, "py_func", function))
-    monkeypatch.setattr(closed_loop, "own_sensors", TapedOwnSensors(own_sensors, tape))
+    taped_own_sensors = TapedOwnSensors(own_sensors, tape)
+    monkeypatch.setattr(closed_loop, "own_sensors", taped_own_sensors)
     monkeypatch.setattr(closed_loop, "reception", TapedReception(reception, tape))
     monkeypatch.setattr(closed_loop, "observation", TapedObservation(observation, tape))
     taped_proximity = TapedProximity(proximity, tape)
@@ -256,6 +265,7 @@ def test_commands_do_not_depend_on_what_is_hidden(
     actual = commands(world(variant, hidden_errors=True, law=law), blind=True)
     assert expected.shape[0] == round(DURATION / 0.1) + 1
     assert taped_proximity.has_sensed
+    assert taped_own_sensors.has_read_roll
     # each follower changes a command by more than 0.1
     assert (np.ptp(expected, axis=0).max(axis=1) > 0.1).all()
     np.testing.assert_array_equal(actual, expected)

@@ -13,7 +13,7 @@ from sim.scenario.sensors import VehicleSensors
 from sim.scenario.settings import Scenario, Sensors
 from sim.sensing.acoustics import Motion, Sites
 from sim.sensing.noise import Stream, normals, uniforms
-from sim.sensing.own_sensors import new_instrument_noise, read_instruments
+from sim.sensing.own_sensors import new_instrument_noise, read_instruments, read_roll
 from sim.sensing.reception import NO_RANGES, RECEIVED, new_inbox, receive
 from sim.sensing.sensor_model import SensorModel, sensor_model_of
 from sim.trajectory import StateHistory
@@ -67,7 +67,7 @@ def attitude_readings(sensors: SensorModel, steps: int, follower: int = 0) -> Fl
             drawn,
             numbers_of(readings)[k],
         )
-    return numbers_of(readings)[:, 3:]
+    return numbers_of(readings)[:, 3:6]
 
 
 @pytest.mark.system
@@ -84,11 +84,36 @@ def test_readings_are_those_of_their_step_whatever_was_read_before() -> None:
                 reading = numbers_of(readings)[i, j, follower]
                 read_instruments(sensors, step, follower, state, np.zeros(3), drawn, reading)
     np.testing.assert_array_equal(readings[0], readings[1])
-    assert len({row.tobytes() for row in numbers_of(readings)[0].reshape(-1, 6)}) == 2 * len(steps)
+    assert len({row.tobytes() for row in numbers_of(readings)[0].reshape(-1, 8)}) == 2 * len(steps)
     other_run = sensors._replace(run=np.uint64(8))
     reading = numbers_of(records(READING, 1))[0]
     read_instruments(other_run, 3, 1, state, np.zeros(3), new_instrument_noise(2), reading)
     assert reading.tobytes() != numbers_of(readings)[0, 7, 1].tobytes()
+
+
+def test_heel_and_rate_of_roll_are_read_with_errors_of_inclinometer_and_gyro() -> None:
+    """Of vehicles that hold roll; the sine of the heel is sin(roll) cos(pitch)."""
+    n = 2000
+    pose, twist = (
+        np.r_[0.0, 0.0, -10.0, attitude.from_euler(1.0, PITCH, 0.2)],
+        np.r_[1.0, 0.0, 0.0, RATES],
+    )
+    expected = [np.sin(0.2) * np.cos(PITCH), RATES[0]]
+    sensors = sensor_model_of(SensingSettings.of(scenario(0.5, 0.1)))
+    readings = records(READING, n)
+    for k in range(n):
+        read_roll(sensors, k + 1, 1, (pose, twist, np.zeros(3)), numbers_of(readings)[k])
+    assert not numbers_of(readings)[:, :6].any()
+    errors = numbers_of(readings)[:, 6:] - expected
+    sigma = np.deg2rad([0.5, 0.1])
+    assert np.all(np.abs(errors.mean(axis=0)) < 5 * sigma / np.sqrt(n))
+    assert errors.std(axis=0) == pytest.approx(sigma, rel=5 / np.sqrt(2 * n))
+    # independent of each other and of the other instruments
+    errors = np.hstack([errors, attitude_readings(sensors, n, follower=1)])
+    assert np.abs(np.corrcoef(errors.T) - np.eye(5)).max() < 5 / np.sqrt(n)
+    perfect = sensor_model_of(SensingSettings.of(scenario(0.0, 0.0)))
+    read_roll(perfect, 1, 1, (pose, twist, np.zeros(3)), numbers_of(readings)[0])
+    assert (readings[0].heel, readings[0].rolling) == pytest.approx(expected)
 
 
 @pytest.mark.system
@@ -157,7 +182,7 @@ def test_one_follower_has_errors_of_its_own() -> None:
         * normals(without_errors.seed, without_errors.run, Stream.TILT.number(1), [7])[0, 0]
     )
     assert readings[1, 1].tolist() == pytest.approx(
-        [0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0], abs=1e-12
+        [0.75, 1.0 - np.deg2rad(12.0), 10.0, tilt, 0.0, 0.0, 0.0, 0.0], abs=1e-12
     )
 
 
@@ -374,7 +399,7 @@ def test_log_compass_and_depth_sensor_err_by_equations_26_and_27() -> None:
         normals(seed, run, stream.number(1), [k])[0] for stream in (Stream.TILT, Stream.GYRO)
     )
     expected = [PITCH + 0.02 * tilt[0], RATES[2] + 0.004 * gyro[0], RATES[1] + 0.004 * gyro[1]]
-    assert reading.tolist()[3:] == pytest.approx(expected)
+    assert reading.tolist()[3:6] == pytest.approx(expected)
 
 
 def test_a_leader_broadcasts_its_position_motion_and_attitude() -> None:

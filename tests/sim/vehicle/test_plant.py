@@ -262,7 +262,8 @@ def _computed_before_motion(settings: Vehicle, density: float) -> dict[str, byte
 
 
 def test_changed_settings_hold_every_key_of_a_hull() -> None:
-    assert {*HULL_KEYS, "hydrophone_m"} == {*CHANGED_SETTINGS, "depth_control"}
+    of_autopilot = {"depth_control", "roll_control"}
+    assert {*HULL_KEYS, "hydrophone_m"} == {*CHANGED_SETTINGS, *of_autopilot}
 
 
 def test_cached_hulls_are_those_of_their_settings() -> None:
