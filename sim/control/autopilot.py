@@ -94,6 +94,7 @@ SPEED_PITCH = 0.6
 # hull by this angle [rad] (an assumption): the fins of a LAUV, which hold roll at sea, give that of
 # 4.5°, those of a REMUS 100, which are driven in pairs, would give that of 0.9°
 HELD_HEEL = float(np.deg2rad(1.5))
+_MIN_VERTICAL = float(np.sqrt(0.5))  # vertical part of the direction of a vertical thruster, 45°
 
 
 class Autopilot(RecordFields):
@@ -155,6 +156,12 @@ def design(plant: Plant, depth_control: tuple[DepthControl | None, ...]) -> npt.
     return plant.kept_design(cache_key, partial(_design, plant, depth_control, roll_control))
 
 
+def _has_vertical_thrusters(fitted: npt.NDArray[np.void]) -> bool:
+    """Whether effectors other than fins push more up or down than along or across."""
+    thrusters = fitted[fitted["lift_area"] == 0.0]
+    return bool(np.any(np.abs(thrusters["force"][:, 2]) > _MIN_VERTICAL))
+
+
 def _design(
     plant: Plant,
     depth_control: tuple[DepthControl | None, ...],
@@ -179,8 +186,9 @@ def _design(
             0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + per_fin[:, 1].sum()
         )
         has_lift = record["lift"] > 0.0
-        # of effectors that give either pitch or heave, what holds the depth
-        heave_first = (depth_control[i] or ("pitch" if has_lift else "thrust")) == "thrust"
+        by_thrust = (depth_control[i] or ("pitch" if has_lift else "thrust")) == "thrust"
+        # of effectors that give either pitch or heave, what holds the depth; fins only pitch
+        heave_first = by_thrust and _has_vertical_thrusters(fitted)
         allocation_key = (fitted.tobytes(), heave_first)
         if allocation_key not in allocations:
             allocations[allocation_key] = [
