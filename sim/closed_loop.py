@@ -61,7 +61,7 @@ from sim.sensing import (
     sensor_model,
 )
 from sim.sensing.acoustics import TRANSMITTERS, Motion, Sites
-from sim.sensing.links import broadcast_offsets, further_links, navigated_link
+from sim.sensing.links import broadcast_offsets, links_of, navigated_link
 from sim.sensing.sensors import custom_sensors, update_tilt_error
 from sim.simulation import (
     TICK,
@@ -730,7 +730,7 @@ def _fleet_of(
 def _receivers_of(sensing: SensingSettings, fleet: Fleet) -> dict[str, Receiver]:
     """What is received on links beside the leader's broadcast by name."""
     receivers: dict[str, Receiver] = {}
-    links = {link.name: link for link in further_links(sensing.links)}
+    links = {link.name: link for link in links_of(sensing.links)}
     for name, link in links.items():
         if link.answers:
             request = links.get(link.answers)

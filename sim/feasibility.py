@@ -553,11 +553,27 @@ def effect_cautions(motion: MotionSettings) -> list[str]:
     return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 
+def _unused_links(scenario: Scenario) -> list[str]:
+    """A line for each link that nobody navigates on, where nobody steers by what is received."""
+    if scenario.keys_needing_closed_loop():
+        return []
+    used = {
+        name
+        for _, navigation in scenario.navigations()
+        for name in (navigation.link, *navigation.further_links)
+    }
+    return [
+        f"without effect: links[{i}] ({link.name!r}), on which nobody navigates"
+        for i, link in enumerate(scenario.links)
+        if link.name not in used
+    ]
+
+
 def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
-    remarks = effect_cautions(MotionSettings.of(scenario))
+    remarks = effect_cautions(MotionSettings.of(scenario)) + _unused_links(scenario)
     for navigated in navigated_alike(scenario):
         remarks += unheard_links(navigated)
         remarks += assumption_cautions(navigated)

@@ -116,6 +116,9 @@ _CONCLUSION_WORDS = {"truth", "ground", "groundtruth", "gt", "estimate", "estima
 _BOILERPLATE_WORDS = {"header", "stamp", "sec", "nanosec", "covariance", "seq"}
 
 
+_OWN_RECEPTION_RANK = -2  # of fields of receptions as this project writes them
+
+
 class Match(NamedTuple):
     """What a name stands for."""
 
@@ -308,9 +311,16 @@ class _Candidate(NamedTuple):
     note: str  # what its user should check; "" for nothing
 
 
-def _candidates_by_type(topic: BagTopic) -> Iterator[_Candidate]:
+def _is_of_leader(topic: BagTopic, own: str) -> bool:
+    """Whether a topic is the leader's by its name; none is that begins with `own`, the namespace of
+    the vehicle that navigates, if that is known.
+    """
+    is_own = bool(own) and topic.name.startswith(own)
+    return not is_own and bool(_LEADER_WORDS & set(_words(topic.name)))
+
+
+def _candidates_by_type(topic: BagTopic, *, leader: bool) -> Iterator[_Candidate]:
     """What a topic of a standard type holds."""
-    leader = bool(_LEADER_WORDS & set(_words(topic.name)))
     for quantity, field, unit in _FIELDS_BY_TYPE.get(topic.type_name, ()):
         entry: dict[str, Any] = {"topic": topic.name, "field": field, "unit": unit}
         if quantity == "range":
@@ -370,9 +380,8 @@ def _range_candidates(topic: BagTopic, entry: dict[str, Any]) -> Iterator[_Candi
     yield _Candidate(f"range_{transmitter or 'rear'}", 0 if transmitter else 2, entry, note)
 
 
-def _candidates_by_name(topic: BagTopic) -> Iterator[_Candidate]:
+def _candidates_by_name(topic: BagTopic, *, leader: bool) -> Iterator[_Candidate]:
     """What fields of a topic of another type hold, by their names and that of the topic."""
-    leader = bool(_LEADER_WORDS & set(_words(topic.name)))
     has_several_fields = sum(match(field) is not None for field in topic.fields) > 2
     for field in topic.fields:
         words = _words(field)
@@ -396,7 +405,7 @@ def _own_reception_candidates(topic: BagTopic) -> Iterator[_Candidate]:
     """Fields of a reception as this project writes it, which need no check."""
     for field in (*RECEPTION.fields, *(name for name in PLACES.names if name in topic.fields)):
         entry = {"topic": topic.name, "field": field, "unit": quantity_of(field).si}
-        yield _Candidate(field, -2, entry, "")
+        yield _Candidate(field, _OWN_RECEPTION_RANK, entry, "")
 
 
 def _is_own_reception(topic: BagTopic) -> bool:
@@ -404,34 +413,32 @@ def _is_own_reception(topic: BagTopic) -> bool:
     return set(RECEPTION.fields) <= set(topic.fields)
 
 
-def _heard_on_navigated_links(topics: Sequence[BagTopic]) -> list[BagTopic]:
+def _heard_on_navigated_links(topics: Sequence[BagTopic], own: str) -> list[BagTopic]:
     """Topics without receptions of further links, as this project writes them, and without those
     of the leader, if another vehicle has some, too.
     """
     kept = [topic for topic in topics if topic.type_name != LINK_RECEPTION_TYPE]
-    by_leader = [
-        topic
-        for topic in kept
-        if _is_own_reception(topic) and _LEADER_WORDS & set(_words(topic.name.split("/")[1]))
-    ]
+    by_leader = [topic for topic in kept if _is_own_reception(topic) and _is_of_leader(topic, own)]
     if not any(_is_own_reception(topic) for topic in kept if topic not in by_leader):
         return kept
     return [topic for topic in kept if topic not in by_leader]
 
 
-def _candidates_of(topic: BagTopic) -> Iterator[_Candidate]:
+def _candidates_of(topic: BagTopic, own: str) -> Iterator[_Candidate]:
     if _is_own_reception(topic):
         return _own_reception_candidates(topic)
+    leader = _is_of_leader(topic, own)
     is_typed = topic.type_name in _FIELDS_BY_TYPE or topic.type_name in _POSES
-    return _candidates_by_type(topic) if is_typed else _candidates_by_name(topic)
+    candidates = _candidates_by_type if is_typed else _candidates_by_name
+    return candidates(topic, leader=leader)
 
 
-def _candidates(topics: Sequence[BagTopic]) -> Iterator[_Candidate]:
+def _candidates(topics: Sequence[BagTopic], own: str) -> Iterator[_Candidate]:
     for topic in topics:
         if topic.name in _NO_MEASUREMENTS or not topic.messages:
             continue
         is_conclusion = bool(_CONCLUSION_WORDS & set(_words(topic.name)))
-        for candidate in _candidates_of(topic):
+        for candidate in _candidates_of(topic, own):
             # the leader's estimate of itself is what it broadcasts
             rank = candidate.rank + (10 if is_conclusion else 0)
             if is_conclusion and not candidate.field.startswith("leader_"):
@@ -482,11 +489,16 @@ def _position_entry(topic: BagTopic, letter: str, factor: float) -> dict[str, An
     return entry if factor == 1.0 else entry | {"factor": factor}
 
 
+def _namespace(vehicle: str | None) -> str:
+    """How the topics of a vehicle begin; "" if none is named."""
+    return "" if vehicle is None else f"/{vehicle.strip('/')}/"
+
+
 def _topics_of_vehicle(topics: Sequence[BagTopic], vehicle: str | None) -> list[BagTopic]:
     """Topics of a vehicle and of the leader; LaisnError if the bag has none of this vehicle."""
     if vehicle is None:
         return [*topics]
-    prefix = f"/{vehicle.strip('/')}/"
+    prefix = _namespace(vehicle)
     vehicle_topics = [topic for topic in topics if topic.name.startswith(prefix)]
     if not vehicle_topics:
         namespaces = sorted(
@@ -513,6 +525,21 @@ def _rivals_note(candidates: Sequence[_Candidate]) -> str:
     return f"or is it {names}?"
 
 
+def _of_one_reception(by_field: dict[str, list[_Candidate]]) -> dict[str, list[_Candidate]]:
+    """Candidates without places of transmitters that another vehicle's reception holds than that
+    with the ranges.
+    """
+    ranges = by_field.get(f"range_{Ranges._fields[0]}", [])
+    chosen = min(ranges, key=lambda candidate: candidate.rank, default=None)
+    if chosen is None or chosen.rank != _OWN_RECEPTION_RANK:
+        return by_field
+    kept = {}
+    for field, candidates in by_field.items():
+        here = [c for c in candidates if c.entry["topic"] == chosen.entry["topic"]]
+        kept[field] = here if field in PLACES.names else candidates
+    return {field: candidates for field, candidates in kept.items() if candidates}
+
+
 def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
     """A map of a bag; `vehicle` is the beginning of the topics of the vehicle that navigates.
 
@@ -520,8 +547,10 @@ def propose_for_bag(path: Path, vehicle: str | None = None) -> Proposal:
     """
     topics = _topics_of_vehicle(topics_of(path), vehicle)
     by_field: dict[str, list[_Candidate]] = {}
-    for candidate in _candidates(_heard_on_navigated_links(topics)):
+    own = _namespace(vehicle)
+    for candidate in _candidates(_heard_on_navigated_links(topics, own), own):
         by_field.setdefault(candidate.field, []).append(candidate)
+    by_field = _of_one_reception(by_field)
     chosen = {
         field: sorted(by_field[field], key=lambda candidate: candidate.rank)
         for field in sorted(by_field, key=_order_of_field)

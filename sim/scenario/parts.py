@@ -127,8 +127,6 @@ class LinkSettings:
     navigated: tuple[str, ...]  # links that followers navigate on, the main one first
     navigated_by_leader: tuple[str, ...] = ()  # the same of the leader, in any order
     main_of_leader: str = ""  # link that its navigator takes for its main one; "": none
-    # those that any follower navigates on, where followers navigate differently
-    navigated_by_any: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
@@ -148,15 +146,6 @@ class LinkSettings:
             navigated=(scenario.navigation.link, *scenario.navigation.further_links),
             navigated_by_leader=tuple(name for name in by_leader if name != LEADER_LINK),
             main_of_leader=main_of_leader,
-            navigated_by_any=tuple(
-                sorted(
-                    {
-                        name
-                        for _, navigation in scenario.navigations()
-                        for name in (navigation.link, *navigation.further_links)
-                    }
-                )
-            ),
         )
 
     @property

@@ -189,15 +189,9 @@ def link_of(links: LinkSettings, table: LinkTable) -> Link:
     )
 
 
-def further_links(links: LinkSettings) -> tuple[Link, ...]:
-    """Links that somebody navigates on, or that state who receives or answers."""
-    used_names = {*links.navigated_by_any, *links.navigated_by_leader}
-    used_names |= {table.answers for table in links.tables if table.answers}
-    return tuple(
-        link_of(links, table)
-        for table in links.tables
-        if table.name in used_names or table.receivers or table.answers
-    )
+def links_of(links: LinkSettings) -> tuple[Link, ...]:
+    """All links beside the leader's broadcast."""
+    return tuple(link_of(links, table) for table in links.tables)
 
 
 def named_link(links: LinkSettings, name: str) -> Link | None:

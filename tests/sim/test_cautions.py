@@ -316,6 +316,7 @@ def test_cautions_on_the_link_of_a_follower_are_of_that_follower() -> None:
     # of the leader's messages
     by_leader = cautions(on_link(ESCORT_LINK, **changes, **{"navigation.link": "leader"}))
     assert [line.split(",")[0] for line in by_leader] == [
+        "without effect: links[0] ('escort')",
         "the clocks differ by up to 1 ms",
         "the leader's compass is off by 9°",
     ]
@@ -334,12 +335,23 @@ def test_a_follower_that_does_not_receive_what_it_navigates_on_is_named() -> Non
     assert heard[1] > 0
 
 
+def test_a_link_on_which_nobody_navigates_is_named_unless_somebody_is_steered() -> None:
+    unused = on_link(BEACON_LINK, **{"navigation.link": "leader", "navigation.variant": "tight"})
+    assert cautions(unused) == ["without effect: links[0] ('lbl'), on which nobody navigates"]
+    assert fly(unused)[0].measurements[0].links == {}
+    by_estimate = {"motion": "physics", "followers.0.guidance_position": "estimate"}
+    steered = as_scenario(unused, by_estimate)
+    assert cautions(steered) == []
+    own = {"followers.1.navigation": {"link": "lbl", "variant": "beacons"}}
+    assert cautions(as_scenario(unused, own)) == []
+
+
 def test_errors_are_those_of_the_followers_that_navigate_so() -> None:
     """A drift of one follower's own log is no matter of the other, whose navigator is told of
     it.
     """
-    told = {"variant": "tight", "assume": {"drift": True}}
-    changes = {"navigation.link": "leader", "followers.1.sensors.speed_drift_m_s": 0.1}
+    told = {"assume": {"drift": True}}
+    changes = {"followers.1.sensors.speed_drift_m_s": 0.1}
     (line,) = cautions(on_link(ESCORT_LINK, **changes))
     assert line.startswith("the log's bias drifts by up to 0.1 m/s")
     assert cautions(on_link(ESCORT_LINK, **changes, **{"followers.1.navigation": told})) == []

@@ -424,6 +424,43 @@ def test_a_link_has_receivers_and_content() -> None:
     assert np.isnan(wing.message[:, [PITCH, ROLL]]).all()
 
 
+class Listener:
+    """Swims east, and notes what it receives on further links."""
+
+    received: ClassVar[list[tuple[float, float]]] = []
+
+    def __init__(self, follower: Any) -> None:
+        self.depth = follower.depth_m
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Command:
+        for received in readings.receptions.values():
+            self.received.append((readings.time, received.ranges.rear))
+        return Command(0.5 * np.pi, 1.0, self.depth)
+
+
+def test_a_controller_receives_links_on_which_nobody_navigates() -> None:
+    """Once a second, sound at once: the range is the distance from the beacon."""
+    beacon = np.array([-50.0, -50.0, -5.0])
+    table = {
+        "duration_s": 10.0,
+        "acoustics": NO_NOISE,
+        "links": [
+            {"name": "lbl", "beacons_m": [[-50.0, -50.0, 5.0]]},
+            # with no one to receive it
+            {"name": "own", "sender": "follower"},
+        ],
+        "followers": [{"route": "T5", "name": "follower"}],
+    }
+    Listener.received.clear()
+    flight = laisn_sim.fly(table, controller=Listener)
+    time, ranges = np.array(Listener.received).T
+    assert time.tolist() == [float(k) for k in range(1, 11)]
+    steps = np.rint(time / 0.1).astype(int) - 1
+    distance = np.linalg.norm(flight.hydrophone(0)[steps] - beacon, axis=1)
+    np.testing.assert_allclose(ranges, distance, rtol=1e-12)
+    assert list(flight.measurements[0].links) == ["lbl"]
+
+
 def test_a_leader_broadcasts_the_errors_of_its_own_sensors() -> None:
     own_errors = {"speed_bias_m_s": 0.2, "heading_bias_deg": 4.0, "heading_sigma_deg": 1.0}
     leader_errors = {f"leader_{key}": value for key, value in own_errors.items()}

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 from laisn.messages import LinkMessages
 from laisn_sim.cli.main import app
 from sim.datasets.map_proposal import propose_for_bag
+from sim.flight import VehicleRecord
 from sim.log import writer
 from sim.log.reader import read_recording
 from sim.log.ros2 import write_measurement_bag
@@ -219,6 +220,41 @@ def test_a_flight_among_beacons_comes_back_with_their_places(tmp_path: Path) -> 
     assert np.array_equal(back.ranges, measured.ranges, equal_nan=True)
     assert back.transmitters is not None
     assert np.array_equal(back.transmitters, places)
+
+
+def test_places_of_beacons_are_of_the_reception_that_holds_the_ranges(tmp_path: Path) -> None:
+    """The second follower alone navigates among beacons: the proposal, which is of the first one
+    unless its user chooses, has no places.
+    """
+    flown = make_flight(10.0, 2)
+    second = flown.measurements[1]
+    places = np.tile(np.arange(9.0).reshape(3, 3), (second.message_step.size, 1, 1))
+    placed = (flown.measurements[0], replace(second, transmitters=places))
+    write_measurement_bag(replace(flown, measurements=placed), tmp_path / "bag")
+    proposal = propose_for_bag(tmp_path / "bag")
+    assert proposal.entries["range_rear"]["topic"] == "/follower1/reception"
+    assert "rear_east" not in proposal.entries
+    proposal = propose_for_bag(tmp_path / "bag", "follower2")
+    assert proposal.entries["rear_east"]["topic"] == "/follower2/reception"
+
+
+def test_a_leader_that_has_sensed_is_imported_by_its_name(tmp_path: Path) -> None:
+    """Its topics are its own where it is named, and the leader's of a follower elsewhere."""
+    flown = make_flight(10.0, 2)
+    measured = replace(flown.measurements[1], speed=flown.measurements[1].speed + 0.5)
+    leader = VehicleRecord(measurements=measured, estimates=None)
+    writer.write(replace(flown, leader=leader), tmp_path / "a.mcap")
+    assert run("export", tmp_path / "a.mcap", "--ros2", tmp_path / "bag").exit_code == 0
+    log = tmp_path / "b.mcap"
+    result = run("import", tmp_path / "bag", "--vehicle", "leader", "--out", log)
+    assert result.exit_code == 0, result.output
+    back = read_recording(log).measurements
+    assert np.array_equal(back.speed, measured.speed)
+    assert np.array_equal(back.ranges, measured.ranges, equal_nan=True)
+    result = run("import", tmp_path / "bag", "--vehicle", "follower1", "--out", log)
+    assert result.exit_code == 0, result.output
+    back = read_recording(log).measurements
+    assert np.array_equal(back.speed, flown.measurements[0].speed)
 
 
 def test_a_bag_of_several_vehicles_is_refused_until_one_is_named(tmp_path: Path) -> None:
