@@ -243,7 +243,7 @@ def _custom_spec(name: str) -> NavigatorSpec:
         factory=factory,
         settings=settings,
         sections=sections,
-        title=factory.__name__,
+        title=getattr(factory, "__name__", type(factory).__name__),
         needs=tuple(getattr(factory, "needs", ())),
     )
 
@@ -476,6 +476,8 @@ class _CustomSteps:
         self._navigator = navigator
         self._has_estimate = settings.known_start
         self._time = 0.0
+        self.returned: Any = None
+        """By the last step of the navigator: its fixes, if it is derived from this project's."""
 
     def step(self, own: OwnMotion, reception: Reception | None, dt: float) -> Floats:
         """Advance by a step of `dt` [s]; the state after it, shape (4,). LaisnError if the
@@ -483,7 +485,7 @@ class _CustomSteps:
         """
         self._time += dt
         with calling(f"navigator {class_and_file(self._navigator)}: step"):
-            self._navigator.step(own, reception, dt)
+            self.returned = self._navigator.step(own, reception, dt)
         state = _numbers_in(self._navigator, "state", (4,))
         self._has_estimate = self._has_estimate or bool(np.isfinite(state).all())
         _require_finite(self._navigator, state[None], self._has_estimate, np.array([self._time]))
@@ -537,9 +539,20 @@ class CustomNavigator:
 
     def step(
         self, own: OwnMotion, reception: Reception | None = None, duration: float | None = None
-    ) -> None:
-        """Advance by one filter step; see `OnlineNavigator.step`."""
+    ) -> list[FixRecord]:
+        """Advance by one filter step; see `OnlineNavigator.step`. LaisnError if a class that is
+        derived from that returns no list of fixes.
+        """
         self._steps.step(own, reception, self._settings.dt if duration is None else duration)
+        fixes = self._steps.returned
+        if isinstance(fixes, list):
+            return fixes
+        if getattr(self._navigator, "runs_by_steps", False):
+            raise LaisnError(
+                f"navigator {class_and_file(self._navigator)} returned {type(fixes).__name__} from "
+                "`step`; expected a list of laisn.estimates.FixRecord"
+            )
+        return []
 
     def run(self, measurements: Measurements) -> Estimates:
         """Its estimates of a mission; LaisnError if they are of another kind, of another number

@@ -232,6 +232,17 @@ def registered_tokens(text: str) -> list[str]:
     ]
 
 
+def require_factory(argument: str, factory: object) -> None:
+    """LaisnError unless an argument of this name is a class, or a function that makes objects of
+    one.
+    """
+    if not callable(factory):
+        raise LaisnError(
+            f"{argument}: expected a class, or a function that makes its objects (given: "
+            f"{factory!r:.80}); names are values of keys, as navigation.variant"
+        )
+
+
 def register(factory: Callable[..., Any], *, importable: bool = False) -> str:
     """Name by which scenarios may use a class, or a function that makes objects of one, defined
     anywhere.
@@ -239,10 +250,12 @@ def register(factory: Callable[..., Any], *, importable: bool = False) -> str:
     If other processes need it (`importable`), it must be a class at the top of a file of its own,
     or LaisnError; they import the file as it is now.
     """
-    module = factory.__module__
-    attribute = re.sub(r"\W", "_", factory.__qualname__)
+    # an object that can be called, as of functools.partial, has the name of its class
+    named = factory if hasattr(factory, "__qualname__") else type(factory)
+    module = named.__module__
+    attribute = re.sub(r"\W", "_", named.__qualname__)
     file = Path(getattr(sys.modules.get(module), "__file__", None) or "")
-    has_name = isinstance(factory, type) and attribute == factory.__name__ and module != "__main__"
+    has_name = isinstance(factory, type) and attribute == named.__name__ and module != "__main__"
     in_a_file = has_name and file.suffix == ".py" and file.stem == module
     name = f"{module.rpartition('.')[2]}:{attribute}"
     if importable and not in_a_file:

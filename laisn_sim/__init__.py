@@ -200,9 +200,12 @@ def study(
     """
     _require_own_packages()
     from experiments.study.study import run
-    from laisn.plugins import register
+    from laisn.plugins import register, require_factory
 
     if navigators is not None:
+        for name, navigator in navigators.items():
+            if not isinstance(navigator, str):
+                require_factory(f"navigators: {name}", navigator)
         names = {
             k: v if isinstance(v, str) else register(v, importable=True)
             for k, v in navigators.items()

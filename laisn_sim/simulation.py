@@ -121,16 +121,16 @@ class Simulation:
         source: str | Path | Mapping[str, Any] | Scenario,
         changes: Mapping[str, Any] | None = None,
         *,
-        observers: Iterable[Observer] = (),
+        observers: Iterable[Observer] | Observer = (),
         live: bool | float | LiveView = False,
         log: str | Path | None = None,
     ) -> None:
         """Set out on a scenario's mission; source, changes and errors are as of `load`.
 
-        `observers` are functions or objects that are called with each `Block` of instants as soon
-        as they are over, each instant once: `step(30.0)` calls them once with a block of 30 s, or,
-        while vehicles are commanded from outside, at each instant, and with `live` at each picture
-        of its page. LaisnError also if vehicles move as points.
+        `observers` are functions or objects, or a single one, that are called with each `Block` of
+        instants as soon as they are over, each instant once: `step(30.0)` calls them once with a
+        block of 30 s, or, while vehicles are commanded from outside, at each instant, and with
+        `live` at each picture of its page. LaisnError also if vehicles move as points.
 
         `live` shows the mission on a page of this machine, `live.address`: True at ten times its
         time, a number at that many seconds a second, inf as fast as it can. `step` then returns
@@ -141,7 +141,13 @@ class Simulation:
         the process ends.
         """
         self.scenario = as_scenario(source, changes)
-        self._observers = list(observers)
+        self._observers = [observers] if callable(observers) else list(observers)
+        for observer in self._observers:
+            if not callable(observer):
+                raise LaisnError(
+                    "observers: expected functions, or objects that can be called (given: "
+                    f"{observer!r:.80})"
+                )
         self._log_path = None if log is None else Path(log)
         self.live: LiveView | None = None
         if live is not False:

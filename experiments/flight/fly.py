@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from laisn.navigators import NavigatorFactory, SteppedNavigator, find
+from laisn.plugins import require_factory
 from laisn.spilled import release_mapped_memory
 from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_settings
 from sim.open_loop import OpenLoop
@@ -229,6 +230,31 @@ def fly(
     return flight, mission.watch
 
 
+def _require_measured(flight: FlightRecord, scenario: Scenario) -> None:
+    """ScenarioError if followers of a scenario navigate on messages or ranges that they have not
+    measured in a flight.
+    """
+    for i, measurements in enumerate(flight.measurements):
+        name = scenario.followers[i].name
+        flown, navigation = flight.scenario.navigation_of(i), scenario.navigation_of(i)
+        if navigation.link != flown.link:
+            raise ScenarioError(
+                f"navigation.link = {navigation.link!r}: {name} has navigated on {flown.link!r}, "
+                "and what was measured is fixed; fly it anew"
+            )
+        unheard = [link for link in navigation.further_links if link not in measurements.links]
+        if unheard:
+            raise ScenarioError(
+                f"navigation.further_links: the flight has no messages of {unheard[0]!r} to "
+                f"{name}; fly it anew"
+            )
+        if navigation.sound_speed != flown.sound_speed:
+            raise ScenarioError(
+                f"navigation.sound_speed = {navigation.sound_speed!r}: {name} has measured ranges "
+                f"by {flown.sound_speed!r}, and what was measured is fixed; fly it anew"
+            )
+
+
 def navigate_again(
     flight: FlightRecord,
     changes: Mapping[str, Any] | None = None,
@@ -240,9 +266,11 @@ def navigate_again(
     `changes` are of its navigation by dotted key: {"navigation.variant": "laisn-3-2"}, of all
     followers, or of one: {"followers.0.navigation.variant": "tight"}. `navigator`
     makes that of a follower from its settings and its start [x, y, vx, vy]: whatever has
-    `run(measurements) -> Estimates`, or `step`. ScenarioError if changes are invalid, or touch more
-    than navigation.
+    `run(measurements) -> Estimates`, or `step`. ScenarioError if changes are invalid, touch more
+    than navigation, or need what was not measured.
     """
+    if navigator is not None:
+        require_factory("navigator", navigator)
     changes = {} if changes is None else changes
     if not isinstance(changes, Mapping):
         raise ScenarioError(
@@ -263,6 +291,7 @@ def navigate_again(
     scenario = validate(
         table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
     )
+    _require_measured(flight, scenario)
     estimates = []
     for i, measurements in enumerate(flight.measurements):
         navigation = scenario.navigation_of(i)

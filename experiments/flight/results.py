@@ -18,7 +18,7 @@ from experiments.flight.folder import log_in
 from experiments.flight.library import as_scenario, load_scenario, scenario_names
 from laisn.errors import LaisnError
 from laisn.navigators import NavigatorFactory
-from laisn.plugins import register, takes_readings
+from laisn.plugins import register, require_factory, takes_readings
 from reports import flight_figures
 from reports.bound import flight_bounds
 from reports.figures import Panel, plotly
@@ -156,6 +156,9 @@ def fly(
     docs/extending.md.
     """
     scenario = as_scenario(source, changes)
+    for argument, factory in (("navigator", navigator), ("controller", controller)):
+        if factory is not None:
+            require_factory(argument, factory)
     settings: dict[str, Any] = (
         {} if navigator is None else {"navigation.variant": register(navigator)}
     )

@@ -7,6 +7,7 @@ import pydoc
 import subprocess
 import sys
 import tomllib
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,45 @@ def test_a_user_navigator_is_called(flight: laisn_sim.Flight) -> None:
     assert again.estimates[0].state.tobytes() == flight.estimates[0].state.tobytes()
 
 
+class Derived(laisn_sim.Navigator):
+    """Of the user's own, by a navigator of the project."""
+
+
+class WithoutFixes(laisn_sim.Navigator):
+    def step(self, own, reception=None, duration=None):
+        super().step(own, reception, duration)
+
+
+@pytest.mark.parametrize(
+    "navigator",
+    [
+        laisn_sim.Navigator,
+        Derived,
+        lambda settings, start: laisn_sim.Navigator(settings, start),
+        # what can be called, and has no name of its own
+        partial(laisn_sim.Navigator),
+    ],
+)
+@pytest.mark.usefixtures("no_plugins")
+def test_a_navigator_of_the_project_is_flown_as_the_users(
+    flight: laisn_sim.Flight, navigator: Any
+) -> None:
+    """A flight navigates under way, a replay on the whole mission; both are the same to the bit as
+    the scenario's own.
+    """
+    flown = laisn_sim.fly(flight.scenario, navigator=navigator)
+    replayed = laisn_sim.navigate(flight, navigator=navigator)
+    for again in (flown, replayed):
+        for name, expected in vars(flight.estimates[0]).items():
+            np.testing.assert_array_equal(getattr(again.estimates[0], name), expected)
+
+
+@pytest.mark.usefixtures("no_plugins")
+def test_a_derived_navigator_that_returns_no_fixes_is_named(flight: laisn_sim.Flight) -> None:
+    with pytest.raises(laisn_sim.LaisnError, match=r"WithoutFixes.* returned NoneType from `step`"):
+        laisn_sim.fly(flight.scenario, navigator=WithoutFixes)
+
+
 def test_truth_and_measurements_are_tables(flight: laisn_sim.Flight) -> None:
     truth, measured = laisn_sim.truth(flight), laisn_sim.measurements(flight)
     assert (len(truth), len(measured)) == (2 * 201, 200)
@@ -205,6 +245,17 @@ class Returning:
             lambda flight: laisn_sim.fly("T5", {"duration_s": 2}, navigator=Returning),
             "NoneType from `run`; expected",
         ),
+        (
+            lambda flight: laisn_sim.fly("T5", navigator="tight"),
+            "navigator: expected a class, .*given: 'tight'.*navigation.variant",
+        ),
+        (lambda flight: laisn_sim.fly("T5", controller=3), "controller: expected a class"),
+        (lambda flight: laisn_sim.navigate(flight, navigator="tight"), "navigator: expected a"),
+        (
+            lambda flight: laisn_sim.study("T5", navigators={"mine": 3}),
+            "navigators: mine: expected a class",
+        ),
+        (lambda flight: laisn_sim.Simulation("T5", observers=[3]), "observers: expected functions"),
         (lambda flight: laisn_sim.study("T5", vary=3), r"vary: .*valid dictionary \(given: 3\)"),
         (lambda flight: laisn_sim.load({"followers": []}), "followers: .*at least 1 item"),
         (

@@ -127,6 +127,23 @@ def test_the_tight_navigator_keeps_its_position_by_beacons_when_the_leader_is_no
     assert errors_of(without_beacons, 0)[-1] > 3.0
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("link", "escort", "navigated on 'leader', and what was measured is fixed"),
+        ("further_links", ["escort"], "no messages of 'escort' to f0"),
+        ("sound_speed", "profile", "measured ranges by 'mean'"),
+    ],
+)
+def test_a_replay_refuses_what_the_flight_has_not_measured(
+    key: str, value: object, text: str
+) -> None:
+    """Estimates of a replay would be those without the change."""
+    flight = laisn_sim.fly(mission("tight", "lbl", duration_s=5.0))
+    with pytest.raises(LaisnError, match=text):
+        laisn_sim.navigate(flight, {f"navigation.{key}": value})
+
+
 @pytest.mark.system
 def test_the_command_flies_and_reports_several_links_without_a_bound(tmp_path: Path) -> None:
     """The Cramér-Rao bound and the smoother are those of one link; the smoother says so."""
