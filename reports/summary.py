@@ -10,6 +10,7 @@ import numpy as np
 
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from laisn.errors import LaisnError
 from reports.bound import flight_bounds
 from reports.verdict import verdict
 from reports.version import versions
@@ -179,7 +180,8 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
     """Mean, largest and σ of a flight's errors, of all followers and of each, and what else
     `summary.json` holds.
 
-    `bounds` are the `flight_bounds`, computed here if None.
+    `bounds` are the `flight_bounds`, computed here if None. LaisnError if a follower has no
+    estimate in the whole mission.
     """
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors_of_followers = position_and_bearing_errors(flight)
@@ -187,10 +189,16 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         (p[e.steps_without_estimate :], b[e.steps_without_estimate :])
         for (p, b), e in zip(errors_of_followers, flight.estimates, strict=True)
     ]
+    names = flight.trajectory.names[1:]
+    without = [name for name, (e, _) in zip(names, errors, strict=True) if not e.size]
+    if without:
+        raise LaisnError(
+            f"no estimate of {', '.join(without)} in the whole mission, and so no errors: without "
+            "a known start a navigator begins with a message that has at least two ranges"
+        )
     pooled = metrics.summarise(
         np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])
     )
-    names = flight.trajectory.names[1:]
     track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
     routes = routes_of(MissionPlan.of(flight.scenario))
     has_proximity_sensor = flight.scenario.formation.proximity is not None

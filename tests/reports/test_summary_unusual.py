@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reports.summary import approach_events, route_events, safety_warnings
+from laisn.errors import LaisnError
+from reports.summary import approach_events, route_events, safety_warnings, summarise
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
 from sim.scenario.point_motion import plan
@@ -61,3 +62,12 @@ def test_vehicles_that_pass_close_to_each_other_or_touch_are_reported(apart_m, t
     )
     # contacts have events of their own
     assert [event.text for event in approach_events(flight)] == [text] * (apart_m == 0.25)
+
+
+def test_a_follower_without_any_estimate_is_named() -> None:
+    """As where no message reaches one whose start is not known."""
+    flight = make_flight(20.0, 2)
+    first, second = flight.estimates
+    never = replace(second, state=np.full_like(second.state, np.nan))
+    with pytest.raises(LaisnError, match="no estimate of follower2 in the whole mission"):
+        summarise(replace(flight, estimates=(first, never)))
