@@ -46,8 +46,9 @@ READING = np.dtype(
         # gyros: rates about the up and the port axis [rad/s]
         ("turning", np.float64),
         ("pitching", np.float64),
-        # of vehicles that hold roll, else 0: inclinometer across the hull, the sine of the heel
-        # [-], and gyro about the forward axis [rad/s]; positive starboard down
+        # of vehicles that hold roll, and in missions that Python steps or controls, else 0:
+        # inclinometer across the hull, the sine of the heel [-], and gyro about the forward axis
+        # [rad/s]; positive starboard down
         ("heel", np.float64),
         ("rolling", np.float64),
     ]

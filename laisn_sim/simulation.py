@@ -161,6 +161,8 @@ class Simulation:
         with compiling_shown():
             self._mission = closed_loop_mission(self.scenario)
             self._loop = cast(AnyClosedLoop, self._mission.controller)
+            # `readings` hold it of all vehicles
+            self._loop.state.reads_roll[:] = True
             # from outside, by index of the vehicle
             self._commands: dict[int, Command | Wrench | Floats] = {}
             self._reference = records(REFERENCE, 1)  # room for the state that a command asks for

@@ -89,7 +89,8 @@ class ClosedLoopState(NamedTuple):
     look_every: int  # ticks from one look around to the next; 0: there is none
     kinds: Ints  # ON_ROUTE … ON_STATION of each follower, shape (f,)
     estimates_current: Bools  # whether the navigator of each follower estimates a current, (f,)
-    holds_roll: Bools  # whether each follower holds roll, shape (f,)
+    # whether each follower reads heel and rate of roll, shape (f,): to hold roll, or for Python
+    reads_roll: Bools
     leader_on_route: bool  # whether the leader keeps to its route by the truth
     # what messages of the leader hold that left at each of n filter steps and at the start, where
     # that is its own estimate: numbers of `LeaderMessage`, shape (n + 1, 10). Else, where messages
@@ -181,7 +182,7 @@ def init_closed_loop(
         look_every=proximity.look_interval(motion.formation.proximity),
         kinds=kinds,
         estimates_current=np.array([id(table) in estimating_current for table in navigations]),
-        holds_roll=routes.autopilot_designs["holds_roll"][1:].copy(),
+        reads_roll=routes.autopilot_designs["holds_roll"][1:].copy(),
         leader_on_route=not (leader.controller or leader.guidance_position == "estimate"),
         broadcast=np.full((steps + 1 if by_estimate else 0, len(LeaderMessage._fields)), np.nan),
         plan=plan,
@@ -242,7 +243,7 @@ def _sense(k: int, truth: StateHistory, state: ClosedLoopState) -> bool:
             state.instrument_noise,
             state.reading_values[i],
         )
-        if state.holds_roll[i]:
+        if state.reads_roll[i]:
             own_sensors.read_roll(state.sensors, step, i, body, state.reading_values[i])
     if k > 0 and state.look_every > 0 and k % state.look_every == 0:
         _look_around(k, truth, state)
@@ -498,6 +499,8 @@ class PythonClosedLoop:
     def __init__(self, state: ClosedLoopState, parts: LoopParts) -> None:
         """Begin a mission."""
         self.state = state
+        # for controllers of the user's own
+        state.reads_roll[:] = True
         self.groups = parts.groups
         self._group_of = [group for group in parts.groups for _ in group.followers]
         self._custom_control = parts.custom_control

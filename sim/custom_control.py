@@ -2,6 +2,7 @@
 the effectors.
 """
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -32,6 +33,10 @@ class Readings(NamedTuple):
     pitch: float  # inclinometer, positive nose up [rad]
     yaw_rate: float  # gyro about the hull's upward axis, positive to port [rad/s]
     pitch_rate: float  # gyro about the hull's port axis, positive nose down [rad/s]
+    # inclinometer across the hull, the angle of its port axis above the level, positive starboard
+    # down [rad]
+    heel: float
+    roll_rate: float  # gyro about the hull's forward axis, positive starboard down [rad/s]
     # message of the link used for navigation; only at the control step in which it has arrived
     reception: Reception | None
     custom: Mapping[str, Floats] = MappingProxyType({})
@@ -131,6 +136,8 @@ def readings_of(
         pitch=float(reading.pitch),
         yaw_rate=float(reading.turning),
         pitch_rate=float(reading.pitching),
+        heel=math.asin(min(max(float(reading.heel), -1.0), 1.0)),
+        roll_rate=float(reading.rolling),
         reception=reception,
         custom=custom,
         receptions=receptions,

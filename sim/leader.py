@@ -63,7 +63,7 @@ def _read_instruments(
 def _read_roll(
     e: SensorErrors, address: noise.Address, pose: Floats, twist: Floats, reading: Record
 ) -> None:
-    """Read heel and rate of roll of a leader that holds roll, as of a follower."""
+    """Read heel and rate of roll of the leader, as of a follower."""
     tilt = noise.normals_at(address, noise.Stream.LEADER_TILT)
     gyro = noise.normals_at(address, noise.Stream.LEADER_ROLL_GYRO)
     reading.heel = sensors.read_heel(e, heel_of(pose[3:]), tilt)
@@ -205,8 +205,7 @@ class LeaderUnit:
             )
             address = self._address._replace(step=step)
             _read_instruments(self._errors, address, instant, self.reading[0])
-            if self._routes.autopilot_designs[LEADER]["holds_roll"]:
-                _read_roll(self._errors, address, motion[0], motion[1], self.reading[0])
+            _read_roll(self._errors, address, motion[0], motion[1], self.reading[0])
             for receiver in self._receivers:
                 receiver.receive(k, [self._receiver_number])
                 receiver.take_readings(k, [self._receiver_number])

@@ -100,10 +100,10 @@ def read_instruments(
 
 @compiled
 def read_roll(s: SensorModel, k: int, follower: int, state: State, reading: Floats) -> None:
-    """Read heel and rate of roll of a follower that holds roll, at filter step k, in the order of
+    """Read heel and rate of roll of a follower at filter step k, in the order of
     `laisn.swarm.READING`.
 
-    Apart from the other instruments, so that vehicles which do not hold roll draw nothing for it.
+    Apart from the other instruments, so that nothing is drawn for it where nobody takes it.
     """
     e = s.errors[follower]
     address = Address(s.seed, s.run, follower, k)

@@ -382,15 +382,15 @@ def read_depth(e: SensorErrors, true: float, normals: tuple[float, float]) -> An
 
 @formula
 def read_heel(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
-    """Inclinometer across the hull of a vehicle that holds roll: the sine of its heel [-]. That
-    along the hull takes the first normal.
+    """Inclinometer across the hull: the sine of its heel [-]. That along the hull takes the first
+    normal.
     """
     return true + e.tilt_sigma * normals[1]
 
 
 @formula
 def read_rolling(e: SensorErrors, true: float, normals: tuple[float, float]) -> Any:
-    """Gyro about the forward axis of a vehicle that holds roll [rad/s]."""
+    """Gyro about the forward axis [rad/s]."""
     return true + e.gyro_sigma * normals[0]
 
 

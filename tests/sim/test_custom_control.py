@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import laisn_sim
 from laisn.errors import LaisnError
@@ -200,3 +201,59 @@ def test_a_class_without_readings_is_no_controller_of_a_follower() -> None:
         LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"
     ):
         laisn_sim.load("T5", {"followers.0.controller": register(WithoutReadings)})
+
+
+class Rolling:
+    """Rolls a hull by a constant moment, and records what it reads."""
+
+    def __init__(self, vehicle: Any) -> None:
+        self.readings = CALLS["rolling"] = []
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        self.readings.append(readings)
+        return laisn_sim.Wrench(roll=0.4)
+
+
+def heel_of_truth(truth: Any) -> float:
+    """Angle of the port axis above the level [rad]."""
+    port_axis = Rotation.from_quat(np.roll(truth.quaternion, -1)).apply([0.0, 1.0, 0.0])
+    return float(np.arcsin(port_axis[2]))
+
+
+@pytest.mark.parametrize("own_control", [False, True])
+def test_readings_have_heel_and_rate_of_roll(own_control: bool) -> None:
+    """By a controller, and by a mission that is stepped; of hulls that do not hold roll, too."""
+    at_rest = {
+        "name": "rov",
+        "waypoints": [[0, 20, 0], [30, 20, 0]],
+        "model": "bluerov2_heavy",
+        "depth_m": 5.0,
+    }
+    controlled = at_rest | {"controller": register(Rolling)}
+    # its propeller heels it
+    other = {
+        "name": "other",
+        "waypoints": [[0, -20, 0], [30, 22, 0]],
+        "model": "remus100",
+        "depth_m": 5.0,
+    }
+    table = {
+        "name": "roll",
+        "duration_s": 8.0,
+        "followers": [controlled if own_control else at_rest, other],
+        "sensors": {"tilt_sigma_deg": 0.0, "gyro_sigma_deg_s": 0.0},
+    }
+    sim = laisn_sim.Simulation(table)
+    if not own_control:
+        sim.command("rov", laisn_sim.Wrench(roll=0.4))
+    largest = 0.0
+    while not sim.done:
+        sim.step()
+        for name in ("rov", "other"):
+            truth = sim.truth[name]
+            reading = sim.readings[name]
+            assert reading.heel == pytest.approx(heel_of_truth(truth), abs=1e-9)
+            assert reading.roll_rate == pytest.approx(truth.angular_velocity[0], abs=1e-9)
+        largest = max(largest, sim.readings["rov"].heel)
+    assert abs(sim.readings["other"].heel) > 1e-3
+    assert largest > 0.1
