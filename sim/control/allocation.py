@@ -30,9 +30,10 @@ PRIORITY = (PITCH, YAW, HEAVE, SWAY, SURGE)
 _PITCH_FIRST = (SURGE, YAW, PITCH, HEAVE, SWAY, ROLL)
 _HEAVE_FIRST = (SURGE, YAW, HEAVE, PITCH, SWAY, ROLL)
 FULL_STEERAGE_SPEED = 2.0  # speed beyond which the weights of fins change no more [m/s]
-# smallest singular value of a component that is given, over the largest force or moment of an
-# effector
-_MIN_SINGULAR_VALUE = 1e-6
+# least part of a component that effectors give without changing others, over the largest force or
+# moment of an effector: less is what places and directions in a file are off by, and would take all
+# of the thrust
+_MIN_SHARE = 0.02
 _ROUNDING = 1e-12  # of sums of moments, as a share of them
 
 
@@ -42,37 +43,50 @@ def clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-def pseudo_inverse(
+def given_components(
     records: npt.NDArray[np.void], limits: Floats, *, heave_first: bool = False
-) -> Floats:
-    """P of the components that a vehicle's effectors can give independently, shape (m, 6), [-],
-    [1/m]; 0 of the others.
+) -> list[int]:
+    """Components of a wrench that a vehicle's effectors can give independently, as far as is worth
+    it (`_MIN_SHARE`).
 
-    Components but roll are given with any moment of roll, that of roll without any other. Of pitch
-    and heave effectors may give one alone, as a single vertical thruster does: pitch, or with
-    `heave_first` heave.
+    Of pitch and heave effectors may give one alone, as a single vertical thruster does: pitch, or
+    with `heave_first` heave.
+
+    `limits` are least and largest force of each record of EFFECTOR, shape (m, 2), [N].
+    """
+    unit = unit_wrenches(records)  # Bᵀ
+    scaled = unit * np.abs(limits).max(axis=1)[:, None]
+    largest = [np.abs(scaled[:, :3]).max(), np.abs(scaled[:, 3:]).max()]
+    scaled /= np.maximum(largest, 1e-300).repeat(3)
+    independent: list[int] = []
+    for axis in _HEAVE_FIRST if heave_first else _PITCH_FIRST:
+        others = scaled[:, independent]
+        share = scaled[:, axis] - others @ np.linalg.lstsq(others, scaled[:, axis])[0]
+        if np.linalg.norm(share) > _MIN_SHARE:
+            independent.append(axis)
+    # the same numbers to the bit, whichever was looked for first
+    return sorted(independent, key=_PITCH_FIRST.index)
+
+
+def pseudo_inverse(
+    records: npt.NDArray[np.void], limits: Floats, components: list[int] | None = None
+) -> Floats:
+    """P of components that a vehicle's effectors give, shape (m, 6), [-], [1/m]; 0 of the others.
+
+    Components but roll are given with any moment of roll, that of roll without any other.
 
     `limits` are least and largest force of each record of EFFECTOR, of `force_limits_of` at
-    some speed, shape (m, 2), [N].
+    some speed, shape (m, 2), [N]. `components` are those of `given_components`, by default of
+    these limits.
     """
     unit = unit_wrenches(records)  # Bᵀ
     reach = np.abs(limits).max(axis=1)
-    largest = np.array(
-        [np.abs(unit[:, :3]).max(), max(float(np.abs(unit[:, 3:]).max()), 1e-3)]
-    ).repeat(3)
-    scaled = unit * reach[:, None] / (largest * max(float(reach.max()), 1e-300))
-    independent: list[int] = []
-    for axis in _HEAVE_FIRST if heave_first else _PITCH_FIRST:
-        values = np.linalg.svd(scaled[:, [*independent, axis]], compute_uv=False)
-        if len(independent) < len(records) and values[len(independent)] > _MIN_SINGULAR_VALUE:
-            independent.append(axis)
-    # the same numbers to the bit, whichever was looked for first
-    independent.sort(key=_PITCH_FIRST.index)
+    given = given_components(records, limits) if components is None else components
     out = np.zeros((len(records), 6))
-    served = [axis for axis in independent if axis != ROLL]
+    served = [axis for axis in given if axis != ROLL]
     out[:, served] = _weighted_inverse(unit, reach, served)
-    if ROLL in independent:
-        out[:, ROLL] = _weighted_inverse(unit, reach, independent)[:, independent.index(ROLL)]
+    if ROLL in given:
+        out[:, ROLL] = _weighted_inverse(unit, reach, given)[:, given.index(ROLL)]
     # what is zero but for rounding would let an effector at its limit hold back others
     out[np.abs(out) < 1e-9 * np.abs(out).max(axis=0, initial=0.0)] = 0.0
     return out

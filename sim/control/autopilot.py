@@ -46,6 +46,7 @@ from sim.control.allocation import (
     add_roll,
     allocate,
     clip,
+    given_components,
     greatest_roll,
     pseudo_inverse,
     pseudo_inverse_at,
@@ -186,18 +187,19 @@ def _design(
             0.5 * c["density"] * area * lift_slope * c["hull_lift_planes"][1] + per_fin[:, 1].sum()
         )
         has_lift = record["lift"] > 0.0
+        slow_limits, fast_limits = (
+            effectors.force_limits_of(fitted, c["density"], speed)
+            for speed in (MIN_STEERAGE_SPEED, FULL_STEERAGE_SPEED)
+        )
         by_thrust = (depth_control[i] or ("pitch" if has_lift else "thrust")) == "thrust"
         # of effectors that give either pitch or heave, what holds the depth; fins only pitch
         heave_first = by_thrust and _has_vertical_thrusters(fitted)
         allocation_key = (fitted.tobytes(), heave_first)
         if allocation_key not in allocations:
+            # fins give what they give with way
+            components = given_components(fitted, fast_limits, heave_first=heave_first)
             allocations[allocation_key] = [
-                pseudo_inverse(
-                    fitted,
-                    effectors.force_limits_of(fitted, c["density"], speed),
-                    heave_first=heave_first,
-                )
-                for speed in (MIN_STEERAGE_SPEED, FULL_STEERAGE_SPEED)
+                pseudo_inverse(fitted, limits, components) for limits in (slow_limits, fast_limits)
             ]
         slow, fast = allocations[allocation_key]
         turns_hull = slow[:, [PITCH, YAW]].any(axis=1)

@@ -182,10 +182,37 @@ def test_a_single_vertical_thruster_serves_either_heave_or_pitch(place, heave_fi
     forces = [[1, 0, 0]] * 2 + [[0, 0, 1]]
     places = [[-0.4, 0.2, 0], [-0.4, -0.2, 0], [place, 0, 0]]
     records = effectors_of(forces, places, [[-40, 40]] * 3)
-    inverse = allocation.pseudo_inverse(records, records["limits"], heave_first=heave_first)
+    limits = records["limits"]
+    components = allocation.given_components(records, limits, heave_first=heave_first)
+    inverse = allocation.pseudo_inverse(records, limits, components)
     heave, pitch = inverse[:, allocation.HEAVE], inverse[:, allocation.PITCH]
     expected = ([0, 0, 1], [0, 0, 0]) if heave_first else ([0, 0, 0], [0, 0, -1 / place])
     np.testing.assert_allclose((heave, pitch), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("place", "force"),
+    [
+        ([3e-4, -0.1, 0.08], [0, 0, 1]),
+        ([0, -0.1, 0.08], [3e-4, 0, 1]),
+        ([0, -0.1, 0], [0, 3e-4, 1]),
+    ],
+)
+def test_what_a_thruster_stands_off_by_rounding_gives_no_component(place, force):
+    """Four thrusters at 45° and two vertical ones abreast, the second of which is off by 0.3 mm or
+    mrad: these share a heave force equally, and a moment of pitch is not given by them.
+    """
+    diagonal = np.sqrt(0.5)
+    forces = [[diagonal, side * diagonal, 0] for side in (1, -1, -1, 1)]
+    places = [[x, y, 0] for x in (0.14, -0.14) for y in (-0.09, 0.09)]
+    records = effectors_of(
+        [*forces, [0, 0, 1], force], [*places, [0, 0.1, 0.08], place], [[-50, 50]] * 6
+    )
+    assert allocation.PITCH not in allocation.given_components(records, records["limits"])
+    command, produced = allocated(records, surge=20.0, heave=30.0, pitch=3.0, yaw=2.0)
+    assert produced[allocation.PITCH] == 0.0
+    assert command[4:] == pytest.approx([15.0, 15.0], abs=0.05)
+    assert produced[allocation.SURGE] == pytest.approx(20.0)
 
 
 def plant(model="leader", *, ocean=None, depth=10.0, buoyancy=0.0, speed=1.0):
