@@ -54,7 +54,8 @@ def _read_thruster(scope: SdfModel, parameters: Parameters, remarks: Remarks) ->
         )
     parameters.set_aside(["namespace", "topic"], "topics of Gazebo")
     parameters.set_aside(_CONTROL, "the lag of the thrust is assumed instead")
-    parameters.set_aside(_ROTATION, "of the propeller's rotation, not of the thrust")
+    if not parameters.flag("use_angvel_cmd"):
+        parameters.set_aside(_ROTATION, "of the propeller's rotation, not of the thrust")
     parameters.set_aside(
         _OPEN_WATER,
         "of the rotation; without thrust_coefficient and with use_angvel_cmd also of the thrust",

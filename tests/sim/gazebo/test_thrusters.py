@@ -74,6 +74,7 @@ def test_a_command_of_rotation_becomes_the_thrust_of_its_rate(
     np.testing.assert_allclose(hull.effector("screw")["limits"], expected, rtol=1e-9)
     assert hull.says("deadband of 3 N", "not modelled")
     assert hull.says("commanded in Gazebo by its rate of rotation")
+    assert not hull.says("<thrust_coefficient>", "not used")
 
 
 def test_every_element_that_is_not_used_is_named(tmp_path: Path) -> None:
