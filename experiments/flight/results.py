@@ -133,7 +133,14 @@ def _with_report(make: Callable[_Given, simulated.FlightRecord]) -> Callable[_Gi
 
 
 navigate = _with_report(flying.navigate_again)
-read_log = _with_report(reader.read)
+
+
+@_with_report
+def read_log(path: Path | str) -> simulated.FlightRecord:
+    """The flight of a log, or of a flight's folder, which has one; errors as of
+    `sim.log.reader.read`, and LaisnError if the folder has none.
+    """
+    return reader.read(log_in(Path(path)))
 
 
 @_with_report

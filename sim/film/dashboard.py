@@ -408,7 +408,7 @@ class Dashboard:
         heading = [round(float(np.degrees(state.heading[v]))) % 360 for v in vehicles]
         motion = {
             "depth [m]": [f"{-state.position[v, 2]:.1f}" for v in vehicles],
-            "pitch [°]": [f"{angle:+.1f}" for angle in pitch],
+            "pitch [°]": [f"{angle:+z.1f}" for angle in pitch],
             "heading [°]": [f"{angle}" for angle in heading],
             "speed [m/s]": [f"{state.speed[v]:.1f}" for v in vehicles],
         }

@@ -293,7 +293,7 @@ class Overlay:
         names = self._data.flight.trajectory.names
         truth = state.hydrophone[f]
         leader = state.position[0]
-        pitch = f", pitch {np.degrees(state.pitch[0]):+.1f}°" if self._shows_level_axis else ""
+        pitch = f", pitch {np.degrees(state.pitch[0]):+z.1f}°" if self._shows_level_axis else ""
         distance_to_leader = float(np.linalg.norm(leader - state.position[f + 1]))
 
         def off(name: str, position: Floats) -> str:

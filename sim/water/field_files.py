@@ -284,6 +284,21 @@ def other_quantities(dataset: "Dataset", quantities: Sequence[VariableNames]) ->
     return "; " + ", ".join(dict.fromkeys(others)) if others else ""
 
 
+def _groups_left_out(source: Source) -> str:
+    """Groups of a NetCDF-4 file, whose variables are not read, as the end of a message; "" if there
+    are none.
+    """
+    import h5netcdf
+
+    try:
+        with h5netcdf.File(source.file) as file:
+            groups = ", ".join(map(repr, file.groups))
+    except OSError:
+        # of the classic format, which has none
+        return ""
+    return f"; variables in groups are not read: {groups}" if groups else ""
+
+
 def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any:
     variable = find_variable(dataset, quantity)
     if variable is not None:
@@ -293,7 +308,7 @@ def _require(source: Source, dataset: "Dataset", quantity: VariableNames) -> Any
     available = ", ".join(str(name) for name in dataset.data_vars) or "none"
     raise source.error(
         f"it has no {quantity.title}: expected {expected}; its variables: {available}"
-        f"{other_quantities(dataset, [quantity])}"
+        f"{other_quantities(dataset, [quantity])}{_groups_left_out(source)}"
     )
 
 

@@ -363,6 +363,12 @@ def _with_attributes(name: str, **attributes: str) -> Callable[[Path], None]:
     return _changed(change)
 
 
+def _in_groups(file: Path) -> None:
+    """Velocities in groups, as of some satellite products; none at the top."""
+    model_output().to_netcdf(file, engine="h5netcdf", group="surface")
+    model_output().to_netcdf(file, engine="h5netcdf", group="deep", mode="a")
+
+
 def _truncated(file: Path) -> None:
     write(model_output(), file)
     file.write_bytes(file.read_bytes()[:3000])
@@ -453,6 +459,10 @@ MALFORMED: dict[str, tuple[Callable[[Path], None], str]] = {
     "missing": (lambda file: None, "cannot be read: No such file"),
     "text": (_with_content(b"u v\n1 2\n"), "it is no NetCDF file"),
     "truncated": (_truncated, "it cannot be opened as NetCDF"),
+    "groups": (
+        _in_groups,
+        "its variables: none; variables in groups are not read: 'surface', 'deep'",
+    ),
     "one component": (_changed(lambda d: d.drop_vars("vo")), "it has no northward velocity"),
     "unit of velocity": (
         _with_attributes("uo", units="knots"),
