@@ -36,6 +36,7 @@ from sim.hull import (
 )
 from sim.log.schema import Clock
 from sim.scenario.formation import MIN_LAYER_SPACING_M, MIN_SEPARATION_M, Formation
+from sim.scenario.links import LinkTable
 from sim.scenario.parts import (
     MissionPlan,
     MotionSettings,
@@ -553,18 +554,14 @@ def effect_cautions(motion: MotionSettings) -> list[str]:
     return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 
-def _unused_links(scenario: Scenario) -> list[str]:
-    """A line for each link that nobody navigates on, where nobody steers by what is received."""
-    if scenario.keys_needing_closed_loop():
-        return []
+def _unused_links(links: Sequence[LinkTable], navigations: Sequence[Navigation]) -> list[str]:
+    """A line for each link that nobody navigates on."""
     used = {
-        name
-        for _, navigation in scenario.navigations()
-        for name in (navigation.link, *navigation.further_links)
+        name for navigation in navigations for name in (navigation.link, *navigation.further_links)
     }
     return [
         f"without effect: links[{i}] ({link.name!r}), on which nobody navigates"
-        for i, link in enumerate(scenario.links)
+        for i, link in enumerate(links)
         if link.name not in used
     ]
 
@@ -573,7 +570,11 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
-    remarks = effect_cautions(MotionSettings.of(scenario)) + _unused_links(scenario)
+    remarks = effect_cautions(MotionSettings.of(scenario))
+    if not scenario.keys_needing_closed_loop():
+        # nobody steers by what is received
+        navigations = [navigation for _, navigation in scenario.navigations()]
+        remarks += _unused_links(scenario.links, navigations)
     for navigated in navigated_alike(scenario):
         remarks += unheard_links(navigated)
         remarks += assumption_cautions(navigated)

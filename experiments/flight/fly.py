@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import resource
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from sim.flight import FlightRecord, FlightUnderWay, Termination, navigation_set
 from sim.open_loop import OpenLoop
 from sim.scenario.file import ScenarioError, assigned, validate
 from sim.scenario.parts import MotionSettings
-from sim.scenario.settings import Scenario
+from sim.scenario.settings import Navigation, Scenario
 from sim.sensing.observation import start_of
 from sim.simulation import (
     PROGRESS_TICKS,
@@ -230,19 +230,21 @@ def fly(
     return flight, mission.watch
 
 
-def _require_measured(flight: FlightRecord, scenario: Scenario) -> None:
-    """ScenarioError if followers of a scenario navigate on messages or ranges that they have not
-    measured in a flight.
+def _require_measured(flight: FlightRecord, navigations: Sequence[Navigation]) -> None:
+    """ScenarioError if followers that navigate otherwise than in a flight, in their order, would
+    take messages or ranges that they have not measured in it.
     """
-    for i, measurements in enumerate(flight.measurements):
-        name = scenario.followers[i].name
-        flown, navigation = flight.scenario.navigation_of(i), scenario.navigation_of(i)
+    for i, navigation in enumerate(navigations):
+        name = flight.scenario.followers[i].name
+        flown = flight.scenario.navigation_of(i)
         if navigation.link != flown.link:
             raise ScenarioError(
                 f"navigation.link = {navigation.link!r}: {name} has navigated on {flown.link!r}, "
                 "and what was measured is fixed; fly it anew"
             )
-        unheard = [link for link in navigation.further_links if link not in measurements.links]
+        # of the links that it was to take in the flight it need not have heard all
+        measured = {*flight.measurements[i].links, *flown.further_links}
+        unheard = [link for link in navigation.further_links if link not in measured]
         if unheard:
             raise ScenarioError(
                 f"navigation.further_links: the flight has no messages of {unheard[0]!r} to "
@@ -291,7 +293,8 @@ def navigate_again(
     scenario = validate(
         table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
     )
-    _require_measured(flight, scenario)
+    followers = range(len(scenario.followers))
+    _require_measured(flight, [scenario.navigation_of(i) for i in followers])
     estimates = []
     for i, measurements in enumerate(flight.measurements):
         navigation = scenario.navigation_of(i)

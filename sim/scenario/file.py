@@ -4,6 +4,7 @@ value.
 
 import difflib
 import json
+import os
 import re
 import tomllib
 import warnings
@@ -506,7 +507,9 @@ def read(path: Path) -> dict[str, Any]:
         text = read_text(path, LARGEST_BYTES)
     except LaisnError as error:
         of_flight = path / "scenario.toml"
-        hint = f"; the scenario of its flight is {of_flight}" if of_flight.is_file() else ""
+        # false of names that no file can have, too
+        is_flight = os.path.isfile(of_flight)
+        hint = f"; the scenario of its flight is {of_flight}" if is_flight else ""
         raise ScenarioError(f"{path}: cannot be read: {error}{hint}") from None
     return parse(text, str(path))
 

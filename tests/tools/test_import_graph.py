@@ -60,6 +60,7 @@ ALLOWED_LATE = {
     "sim.water": "as sim.vehicle",
     "models": "only the list of vehicles needs it",
     "xarray": "optional, for fields from files alone",
+    "h5netcdf": "as xarray",
     "gsw": "optional, for casts alone",
     "numpy": "only the list of vehicles needs it, of what lists scenarios",
     "sim.feasibility": "the sea and the hulls take half a second, and reading or listing scenarios "

@@ -24,6 +24,7 @@ AT_THE_TOP = {
     "reports/sea_page.py": 1,
     # checks before a flight
     "sim/feasibility.py": 2,
+    "sim/cautions.py": 2,
     "sim/trial.py": 2,
     "experiments/study/plan.py": 1,
     # flights, and what they are assembled of
@@ -106,4 +107,4 @@ def test_only_what_is_at_the_top_takes_a_whole_scenario() -> None:
         if count_by_module[module] < allowed
     }
     assert too_few == {}, "lower these numbers, so that they do not grow again"
-    assert count_by_module.total() < 40
+    assert count_by_module.total() <= 41

@@ -18,6 +18,7 @@ OF_SEVERAL_MODULES = {
     "laisn/test_on_a_vehicle.py",
     "laisn_sim/cli/test_times_of_estimates.py",
     "reports/test_conclusions.py",
+    "sim/control/test_roll.py",
     "sim/scenario/test_start_and_hover.py",
     "sim/sensing/test_hidden_truth.py",
     "sim/test_different_navigators.py",

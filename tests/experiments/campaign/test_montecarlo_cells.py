@@ -215,7 +215,7 @@ def changed(scenario: Scenario, leaf: tuple[str, ...]) -> Scenario:
         float: [0.2, 2.5, 0.05, 3.0, 1.25, 40.0, 1490.0, 1020.0],
         tuple: tuples,
         str: [*words, "kinematic", "L", "ilos", "surface", "end", "refracted", "profile", "direct"],
-        type(None): ["T4", 0.3, hull("follower"), "thrust"],
+        type(None): ["T4", 0.3, hull("follower"), "thrust", "free"],
     }[type(old_value)]
     for candidate in candidates:
         section[leaf[-1]] = candidate
