@@ -93,6 +93,12 @@ class Navigated:
         return [errors_of(self.sensing, i, self.link) for i in self.receivers]
 
     @property
+    def assumed_sound_speed(self) -> float:
+        """Speed of sound by which they compute ranges, unless they know the profile [m/s]."""
+        sound = self.sensing.acoustics
+        return sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+
+    @property
     def sends_estimates(self) -> bool:
         """Whether messages hold what the navigator of who sends believes."""
         if self.link is not None:
@@ -219,7 +225,7 @@ def _range_factors(navigated: Navigated) -> Floats:
     `Navigated.slant_ranges`.
     """
     sound = navigated.sensing.acoustics
-    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    assumed = navigated.assumed_sound_speed
     if navigated.sensing.sound_speed != "mean":
         # of the profile's mean, or of the ray, only the bias remains
         return np.full(navigated.slant_ranges.size, assumed / sound.sound_speed_m_s)
@@ -247,8 +253,7 @@ def _sound_speed(navigated: Navigated) -> str:
     expected = 3.0 * getattr(navigated.settings, "range_scale_bias_sigma", 0.0)
     if abs(worst) < max(_NOTICEABLE_M, expected):
         return ""
-    sound = navigated.sensing.acoustics
-    assumed = sound.sound_speed_m_s + sound.sound_speed_bias_m_s
+    assumed = navigated.assumed_sound_speed
     speeds = [f"{assumed / factor:.0f}" for factor in (factors.max(), factors.min())]
     return (
         f"followers assume a speed of sound of {assumed:.5g} m/s, where its mean between them and "

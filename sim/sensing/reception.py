@@ -291,8 +291,8 @@ def receive(
 ) -> None:
     """Take up and read the message that is in at filter step k, if there is one.
 
-    `tilts` are what accelerations add to the leader's measured
-    pitch and roll at each instant, shape (n, 2), [rad].
+    `tilts` are what accelerations add to the leader's measured pitch and roll at each instant,
+    shape (n, 2), [rad].
     """
     inbox.outcome[follower] = NO_MESSAGE
     sent, pings = poll_reception(s, k, follower, sites, motion, inbox)

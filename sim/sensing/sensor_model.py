@@ -10,10 +10,7 @@ from sim.scenario.links import LEADER_LINK
 from sim.scenario.parts import SensingSettings
 from sim.scenario.settings import CONTROL_STEP_S
 from sim.sensing import acoustics, noise, sensors
-from sim.sensing.links import (
-    Link,
-    noise_base,
-)
+from sim.sensing.links import Link, noise_base
 
 
 class SensorModel(NamedTuple):
