@@ -4,6 +4,7 @@ observation, action and reward to those of your own task.
 """
 
 import gymnasium
+import matplotlib.pyplot as plt
 import numpy as np
 from gymnasium.utils.env_checker import check_env
 
@@ -61,10 +62,16 @@ class KeepPlace(gymnasium.Env):
 
 env = KeepPlace()
 seen, ended = env.reset(seed=1)[0], False
+distances = []
 while not ended:
     # by hand: towards a point 10 m beyond the place, the faster the further it is
     action = np.clip([np.arctan2(-seen[1], seen[0] + 1.0), seen[0]], -1.0, 1.0)
     seen, reward, lost, over, info = env.step(action)
     ended = lost or over
-print(f"{info['distance_m']:.1f} m from its place after {env.sim.time:.0f} s")
+    distances.append(info["distance_m"])
+print(f"{distances[-1]:.1f} m from its place after {env.sim.time:.0f} s")
 check_env(KeepPlace(20.0), skip_render_check=True)
+figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+axes.plot(distances)
+axes.set(xlabel="time [s]", ylabel="distance from its place [m]")
+figure.savefig("distance.png", dpi=150)
