@@ -17,7 +17,7 @@ from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import OUTCOME_BY_ERROR
 from experiments.flight.library import as_scenario
 from experiments.flight.results import Flight
-from laisn.arrays import Floats, records
+from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.messages import Reception
 from laisn.swarm import reception_of
@@ -29,7 +29,6 @@ from sim.closed_loop import (
     PythonClosedLoop,
     closed_loop_mission,
 )
-from sim.control.guidance import REFERENCE
 from sim.custom_control import (
     Belief,
     Command,
@@ -45,14 +44,15 @@ from sim.log.writer import FlightLog
 from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import (
+    EFFECTOR_STATES,
+    MOTION,
+    NOTHING,
     TICK,
+    WRENCH,
     DivergedError,
     EndedError,
     Observer,
-    apply_wrench_by_truth,
-    hold_by_truth,
     require_regular_end,
-    take_over,
 )
 from sim.tracking import bounds_of
 
@@ -129,8 +129,8 @@ class Simulation:
 
         `observers` are functions or objects, or a single one, that are called with each `Block` of
         instants as soon as they are over, each instant once: `step(30.0)` calls them once with a
-        block of 30 s, or, while vehicles are commanded from outside, at each instant, and with
-        `live` at each picture of its page. LaisnError also if vehicles move as points.
+        block of 30 s, and with `live` at each picture of its page. LaisnError also if vehicles move
+        as points.
 
         `live` shows the mission on a page of this machine, `live.address`: True at ten times its
         time, a number at that many seconds a second, inf as fast as it can. `step` then returns
@@ -155,30 +155,28 @@ class Simulation:
             from laisn_sim.live import live_view
 
             self.live = live_view(live)
-        self._set_out()
+        with compiling_shown():
+            self._set_out()
 
     def _set_out(self) -> None:
-        with compiling_shown():
-            self._mission = closed_loop_mission(self.scenario)
-            self._loop = cast(AnyClosedLoop, self._mission.controller)
-            # `readings` hold it of all vehicles
-            self._loop.state.reads_roll[:] = True
-            # from outside, by index of the vehicle
-            self._commands: dict[int, Command | Wrench | Floats] = {}
-            self._reference = records(REFERENCE, 1)  # room for the state that a command asks for
-            self._outcome = Termination.INTERRUPTED
-            # floor, areas and routes that end the mission if a vehicle leaves them
-            self._bounds = bounds_of(MotionSettings.of(self.scenario))
-            # what was flown until now, which grows with the mission
-            self._flown = ClosedLoopFlight(self.scenario, self._mission)
-            self._mission.observers = self._observers
-            self._log: FlightLog | None = None
-            if self._log_path is not None:
-                self._log = FlightLog(self._log_path)
-                self._mission.observers = [self._write_log, *self._observers]
-                # without a reference to this object
-                self._at_exit = weakref.finalize(self, _interrupt_log, self._log, self._flown)
-            self._mission.advance(0)
+        self._mission = closed_loop_mission(self.scenario)
+        self._loop = cast(AnyClosedLoop, self._mission.controller)
+        # `readings` hold it of all vehicles
+        self._loop.state.reads_roll[:] = True
+        self._commands = self._mission.take_commands()
+        self._outcome = Termination.INTERRUPTED
+        # floor, areas and routes that end the mission if a vehicle leaves them
+        self._bounds = bounds_of(MotionSettings.of(self.scenario))
+        # what was flown until now, which grows with the mission
+        self._flown = ClosedLoopFlight(self.scenario, self._mission)
+        self._mission.observers = self._observers
+        self._log: FlightLog | None = None
+        if self._log_path is not None:
+            self._log = FlightLog(self._log_path)
+            self._mission.observers = [self._write_log, *self._observers]
+            # without a reference to this object
+            self._at_exit = weakref.finalize(self, _interrupt_log, self._log, self._flown)
+        self._mission.advance(0)
         if self.live:
             self.live.begin(MissionPlan.of(self.scenario))
 
@@ -263,9 +261,7 @@ class Simulation:
         instants = self._instants_of(duration)
         end = min(self._instant + instants, self._mission.last)
         while self._instant < end and not self.done:
-            # commands from outside are worked out at each instant
-            until = self._instant + 1 if self._commands else end
-            self._advance(min(until, self._instant + self._instants_of_picture))
+            self._advance(min(end, self._instant + self._instants_of_picture))
             self._show_live()
         if self.outcome is not Termination.INTERRUPTED:
             self._end_log()
@@ -308,8 +304,6 @@ class Simulation:
         return instants
 
     def _advance(self, end: int) -> None:
-        for vehicle, command in self._commands.items():
-            self._apply(vehicle, command)
         ends_on_contact = self.scenario.contact == "end"
         try:
             if self._mission.advance_within(
@@ -325,19 +319,6 @@ class Simulation:
         except EndedError as error:
             self._outcome = OUTCOME_BY_ERROR[type(error)]
             self._mission.instants = error.trajectory.time.size
-
-    def _apply(self, vehicle: int, command: Command | Wrench | Floats) -> None:
-        """Work out the commands of a vehicle's effectors that hold until the next instant."""
-        k = self._instant
-        truth = self._mission.truth
-        routes = self._mission.routes
-        if isinstance(command, Wrench):
-            apply_wrench_by_truth(k, truth, vehicle, np.array(command), routes)
-        elif isinstance(command, Command):
-            held_command = np.array(command)
-            hold_by_truth(k, truth, vehicle, held_command, self._reference, routes)
-        else:
-            routes.command[vehicle, : len(command)] = command
 
     def command(
         self, vehicle: str, command: Command | Wrench | tuple[float, float, float] | Floats | None
@@ -359,21 +340,23 @@ class Simulation:
         if vehicle not in self.names:
             raise LaisnError(f"vehicle {vehicle!r}: expected one of {', '.join(self.names)}")
         index = self.names.index(vehicle)
+        outside = self._commands
+        if command is not None:
+            effectors = len(self._mission.plant.effector_names[index])
+            require_command(command, effectors, f"command of {vehicle}:")
+        # guidance begins anew where control changes hands
+        outside.begins[index] |= command is None or outside.kind[index] == NOTHING
+        self._mission.routes.commanded_from_outside[index] = command is not None
         if command is None:
-            self._commands.pop(index, None)
-            self._mission.routes.commanded_from_outside[index] = False
-            take_over(self._instant, self._mission.truth, index, self._mission.routes)
+            outside.kind[index] = NOTHING
             return
-        effectors = len(self._mission.plant.effector_names[index])
-        require_command(command, effectors, f"command of {vehicle}:")
-        if isinstance(command, Wrench | np.ndarray):
-            checked_command: Command | Wrench | Floats = command
+        if isinstance(command, Wrench):
+            outside.kind[index] = WRENCH
+        elif isinstance(command, np.ndarray):
+            outside.kind[index] = EFFECTOR_STATES
         else:
-            checked_command = Command(*map(float, command))
-        if index not in self._commands:
-            take_over(self._instant, self._mission.truth, index, self._mission.routes)
-        self._mission.routes.commanded_from_outside[index] = True
-        self._commands[index] = checked_command
+            outside.kind[index] = MOTION
+        outside.values[index, : len(command)] = command
         # whoever commands it may lead it off its route
         routes = list(self._bounds.routes)
         routes[index] = None

@@ -9,7 +9,7 @@ other object it runs as Python.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, NoReturn, Protocol, SupportsIndex
+from typing import NamedTuple, NoReturn, Protocol, Self, SupportsIndex
 
 import numpy as np
 from numba import types
@@ -17,7 +17,7 @@ from numba.extending import overload_method
 
 from laisn.arrays import Bools, Floats, Ints, Records, records
 from laisn.compile_errors import compiling_own
-from laisn.compiled import compiled, copy_rows, copy_values, jitable
+from laisn.compiled import compiled, copy_rows, jitable, method_by_type
 from laisn.errors import LaisnError
 from laisn.held import Held, held_values, refuse_copy
 from laisn.plugins import PluginError, class_and_file
@@ -34,6 +34,7 @@ from sim.control.autopilot import (
 )
 from sim.control.guidance import (
     GUIDANCE_MEMORY,
+    REFERENCE,
     limit_command,
     mission_reference,
     start_guidance,
@@ -178,13 +179,13 @@ def steer_vehicle(
 
 
 @compiled
-def hold_by_truth(
+def _hold_by_truth(
     k: int, truth: StateHistory, i: int, command: Floats, reference: Records, routes: RouteControl
 ) -> None:
     """Find the command of vehicle i, from the recorded instant k on, that holds heading [rad],
     speed through the water [m/s] and depth [m], by its true motion.
 
-    `command` are these three, `reference` room for a record of REFERENCE, shape (1,).
+    `command` begins with these three, `reference` is room for a record of REFERENCE, shape (1,).
     """
     motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     reference[0].depth = command[2]
@@ -201,20 +202,21 @@ def hold_by_truth(
 
 
 @compiled
-def apply_wrench_by_truth(
+def _apply_wrench_by_truth(
     k: int, truth: StateHistory, i: int, wrench: Floats, routes: RouteControl
 ) -> None:
     """Find the command of vehicle i, from the recorded instant k on, whose effectors give a wrench
-    about the hull's axes as far as they can, shape (6,), [N], [N m].
+    about the hull's axes as far as they can; `wrench` begins with its six numbers [N], [N m].
     """
     motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     memory = routes.autopilot_memories[i]
-    copy_values(wrench, memory.wrench)
+    for j in range(6):
+        memory.wrench[j] = wrench[j]
     apply_wrench(routes.kinds, routes.autopilot_designs[i], motion.surge, memory, routes.command[i])
 
 
 @compiled
-def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None:
+def _take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None:
     """Begin the guidance of vehicle i anew where it is, at the recorded instant k."""
     motion = true_motion(truth.pose[k, i], truth.twist[k, i], truth.water[k, i])
     water = truth.water[k, i]
@@ -224,6 +226,63 @@ def take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> None
     )
 
 
+method_by_type("apply")
+
+# what a vehicle is commanded from outside
+NOTHING, MOTION, WRENCH, EFFECTOR_STATES = range(4)
+
+
+class OutsideCommands(NamedTuple):
+    """Commands of v vehicles that come from outside, in the place of their controllers'."""
+
+    kind: Ints  # of each vehicle: NOTHING, …, shape (v,)
+    # heading [rad], speed through the water [m/s] and depth [m]; the six numbers of a wrench [N],
+    # [N m]; or states of all effectors, shape (v, max(6, m))
+    values: Floats
+    begins: Bools  # vehicles whose guidance begins anew where they are, shape (v,)
+    applied: Ints  # instant from which on they hold, shape (1,): they are worked out once for each
+    reference: Records  # room for a record of REFERENCE, shape (1,)
+
+    @classmethod
+    def none(cls, vehicles: int, effectors: int) -> Self:
+        """Of vehicles that nobody commands."""
+        return cls(
+            kind=np.full(vehicles, NOTHING),
+            values=np.zeros((vehicles, max(6, effectors))),
+            begins=np.zeros(vehicles, dtype=np.bool_),
+            applied=np.full(1, -1),
+            reference=records(REFERENCE, 1),
+        )
+
+    @compiled
+    def apply(self, k: int, truth: StateHistory, routes: RouteControl) -> None:
+        """Work out the commands that hold from the recorded instant k until k + 1."""
+        if self.applied[0] == k:
+            return
+        self.applied[0] = k
+        for i in range(self.kind.size):
+            if self.begins[i]:
+                _take_over(k, truth, i, routes)
+                self.begins[i] = False
+            if self.kind[i] == MOTION:
+                _hold_by_truth(k, truth, i, self.values[i], self.reference, routes)
+            elif self.kind[i] == WRENCH:
+                _apply_wrench_by_truth(k, truth, i, self.values[i], routes)
+            elif self.kind[i] == EFFECTOR_STATES:
+                for j in range(routes.command.shape[1]):
+                    routes.command[i, j] = self.values[i, j]
+
+
+class NoCommands(NamedTuple):
+    """In the place of `OutsideCommands`, of a mission that nobody commands from outside."""
+
+    vehicles: int
+
+    @compiled
+    def apply(self, k: int, truth: StateHistory, routes: RouteControl) -> None:
+        """Nothing."""
+
+
 class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
@@ -231,7 +290,8 @@ class LoopState(NamedTuple):
     state: PlantState  # of the plant
     environment: Environment
     controller: Controller
-    command: Floats  # of the effectors, shape (v, m)
+    outside: OutsideCommands | NoCommands
+    routes: RouteControl  # which holds the commands of all effectors
     truth: StateHistory
     instants: Ints  # how many are over, shape (1,)
     substeps: int  # physics steps from one instant to the next
@@ -245,7 +305,8 @@ def _simulate(first: int, last: int, loop: LoopState) -> tuple[int, Fault]:
     """
     for k in range(first, last + 1):
         if k > 0:
-            fault = loop.handles.run_steps(loop.command, loop.substeps)
+            loop.outside.apply(k - 1, loop.truth, loop.routes)
+            fault = loop.handles.run_steps(loop.routes.command, loop.substeps)
             if fault[0] != OK:
                 return k - 1, fault
         record_state(k, loop.state, loop.environment, loop.truth)
@@ -347,7 +408,8 @@ class Mission:
             state=plant.state,
             environment=plant.ocean.environment,
             controller=self.controller,
-            command=self.routes.command,
+            outside=NoCommands(v),
+            routes=self.routes,
             truth=self.truth,
             instants=self._instants,
             substeps=round(TICK / plant.dt),
@@ -358,6 +420,14 @@ class Mission:
     def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
         """See `laisn.held.refuse_copy`."""
         refuse_copy(self)
+
+    def take_commands(self) -> OutsideCommands:
+        """The commands from outside, which the mission obeys from now on; before its first
+        instant.
+        """
+        outside = OutsideCommands.none(*self.routes.command.shape)
+        self._loop = self._loop._replace(outside=outside)
+        return outside
 
     @property
     def instants(self) -> int:

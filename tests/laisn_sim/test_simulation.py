@@ -206,6 +206,25 @@ class Heeling:
         return Wrench(roll=0.6)
 
 
+@pytest.mark.parametrize(
+    "command",
+    [laisn_sim.Command(heading=0.4, speed=0.9, depth=9.0), Wrench(surge=8.0, yaw=-1.0)],
+    ids=["command", "wrench"],
+)
+def test_a_command_is_worked_out_once_at_each_instant_that_it_holds(command: Any) -> None:
+    """In one step of 6 s as in 60 of one instant, also where it is given again at each."""
+    in_one, one_by_one, given_again = (Simulation(OPEN_LOOP).step(2.0) for _ in range(3))
+    in_one.command("follower", command)
+    in_one.step(6.0)
+    one_by_one.command("follower", command)
+    for _ in range(60):
+        one_by_one.step()
+        given_again.command("follower", command)
+        given_again.step()
+    require_same_bits(one_by_one.flight(), in_one.flight())
+    require_same_bits(given_again.flight(), in_one.flight())
+
+
 @pytest.mark.parametrize("by_controller", [False, True])
 def test_a_moment_of_roll_heels_a_hull_that_can_give_it(by_controller: bool) -> None:
     """To starboard, until the weight below the centre of buoyancy balances it: 0.6 N m =
@@ -442,8 +461,7 @@ def test_observers_get_each_instant_once_in_order() -> None:
     assert len(blocks[1].time) == 50
     sim.command("leader", laisn_sim.Command(heading=0.0, speed=0.8, depth=8.0))
     sim.step(0.5)
-    # a vehicle that is commanded is looked after at each instant
-    assert [len(block.time) for block in blocks[2:]] == [1] * 5
+    assert [len(block.time) for block in blocks[2:]] == [5]
     sim.command("leader", None)
     sim.step(30.0)
     assert sim.done
