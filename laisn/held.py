@@ -238,6 +238,11 @@ class Held:
         self._numba_type_ = _held_type(values)
         self.address = _store_values(values)
 
+    @property
+    def type(self) -> HeldType:
+        """The type of the values for the compiler."""
+        return self._numba_type_
+
     def __del__(
         self,
         release: Callable[["Held"], None] = _release_values,

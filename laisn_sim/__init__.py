@@ -12,8 +12,8 @@ study file. Numbers and arrays of NumPy, tuples and ranges are values too. Inval
 `LaisnError`, a `ValueError`; `Scenario(...)` alone raises pydantic's `ValidationError`, another
 `ValueError`. A function imports what it needs at its first use.
 
-Classes: `Simulation`, `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`, `Command`,
-`Wrench`, `VehicleTruth`, `EffectorKind`, `LaisnError`.
+Classes: `Simulation`, `Simulations`, `Flight`, `Scenario`, `StudyFolder`, `Table`, `Navigator`,
+`Command`, `Wrench`, `VehicleTruth`, `EffectorKind`, `LaisnError`.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from laisn.plugins import load_plugin
     from laisn_sim.simulation import Simulation as Simulation
     from laisn_sim.simulation import VehicleTruth as VehicleTruth
+    from laisn_sim.simulations import Simulations as Simulations
     from reports.summary import summarise as summary
     from reports.tables import Table as Table
     from reports.tables import errors_table as errors
@@ -74,6 +75,7 @@ _HOMES = {
     "Navigator": "laisn.navigator:Navigator",
     "Scenario": "sim.scenario.settings:Scenario",
     "Simulation": "laisn_sim.simulation:Simulation",
+    "Simulations": "laisn_sim.simulations:Simulations",
     "VehicleTruth": "laisn_sim.simulation:VehicleTruth",
     "StudyFolder": "experiments.study.study:StudyFolder",
     "load": "experiments.flight.library:as_scenario",

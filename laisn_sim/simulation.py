@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import json
 import weakref
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Self, SupportsIndex, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self, SupportsIndex, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from experiments.flight.library import as_scenario
 from experiments.flight.results import Flight
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from laisn.messages import Reception
+from laisn.messages import LeaderMessage, Ranges, Reception
 from laisn.swarm import reception_of
 from reports.summary import flight_events, mirror_locked_steps, summarise
 from sim import attitude
@@ -51,6 +51,7 @@ from sim.simulation import (
     WRENCH,
     DivergedError,
     EndedError,
+    Mission,
     Observer,
     require_regular_end,
 )
@@ -61,6 +62,18 @@ if TYPE_CHECKING:
 
 _LONGEST_PICTURE_S = 20.0  # longest time of the mission between two pictures of a live page
 _SAME_TIME = 1e-6  # times no further apart are the same; they are sums of control steps [s]
+_RECEIVED_NUMBERS = 1 + len(LeaderMessage._fields) + len(Ranges._fields)
+
+
+def instants_of(duration: float | None) -> int:
+    """How many control instants a step takes; LaisnError if its duration is none."""
+    if duration is None:
+        return 1
+    is_time = isinstance(duration, int | float | np.number) and np.isfinite(duration)
+    instants = round(duration / TICK) if is_time else 0
+    if instants < 1 or abs(instants * TICK - duration) > _SAME_TIME:
+        raise LaisnError(f"duration is {duration!r} s, expected a positive multiple of {TICK:g} s")
+    return instants
 
 
 def _interrupt_log(log: FlightLog, flight: ClosedLoopFlight) -> None:
@@ -99,6 +112,34 @@ class VehicleTruth:
     def roll(self) -> float:
         """Positive starboard down [rad]."""
         return float(attitude.roll_of(self.quaternion.tolist()))
+
+
+class LastReception(NamedTuple):
+    """What a follower has received last on the link that it navigates on; NaN before the first."""
+
+    time: Any  # when it was in, since the start [s]
+    message: LeaderMessage
+    ranges: Ranges
+
+
+class InstantNumbers(NamedTuple):
+    """What a mission of v vehicles and f followers is at, in numbers."""
+
+    pose: Floats  # as of `StateHistory`, shape (v, 7), as the next
+    twist: Floats
+    water: Floats
+    effector_states: Floats
+    readings: Floats  # records of READING as numbers, shape (f, 8)
+    estimates: Floats  # records of ESTIMATE as numbers, shape (f, 11)
+    # time, `LeaderMessage` and `Ranges` of the last reception, shape (f, 14)
+    received: Floats
+
+
+def last_reception(numbers: Sequence[Any]) -> LastReception:
+    """Of its 14 numbers, or of arrays of them."""
+    time, *content = numbers
+    fields = len(LeaderMessage._fields)
+    return LastReception(time, LeaderMessage(*content[:fields]), Ranges(*content[fields:]))
 
 
 class Simulation:
@@ -258,10 +299,9 @@ class Simulation:
         """
         if self.done:
             raise LaisnError(f"the mission has ended at {self.time:g} s: {self.outcome.value}")
-        instants = self._instants_of(duration)
-        end = min(self._instant + instants, self._mission.last)
+        end = self.end_of_step(instants_of(duration))
         while self._instant < end and not self.done:
-            self._advance(min(end, self._instant + self._instants_of_picture))
+            self.advance(min(end, self._instant + self._instants_of_picture))
             self._show_live()
         if self.outcome is not Termination.INTERRUPTED:
             self._end_log()
@@ -291,19 +331,17 @@ class Simulation:
         locks = [mirror_locked_steps(flight, i) for i in range(len(flight.estimates))]
         self.live.finish(flight, flight_events(flight), locks)
 
-    @staticmethod
-    def _instants_of(duration: float | None) -> int:
-        if duration is None:
-            return 1
-        is_time = isinstance(duration, int | float | np.number) and np.isfinite(duration)
-        instants = round(duration / TICK) if is_time else 0
-        if instants < 1 or abs(instants * TICK - duration) > _SAME_TIME:
-            raise LaisnError(
-                f"duration is {duration!r} s, expected a positive multiple of {TICK:g} s"
-            )
-        return instants
+    @property
+    def mission(self) -> Mission:
+        """What is flown, for those who advance it elsewhere (`laisn_sim.simulations`)."""
+        return self._mission
 
-    def _advance(self, end: int) -> None:
+    def end_of_step(self, instants: int) -> int:
+        """The last instant of a step of so many, at most that of the mission."""
+        return min(self._instant + instants, self._mission.last)
+
+    def advance(self, end: int) -> None:
+        """Advance until an instant, or the end of the mission; errors as of `step`."""
         ends_on_contact = self.scenario.contact == "end"
         try:
             if self._mission.advance_within(
@@ -422,6 +460,44 @@ class Simulation:
                 receptions[name] = reception_of(inbox.message[i], inbox.ranges[i], {})
         return receptions
 
+    def _last_received(self, follower: int) -> Floats:
+        """Numbers of a `LastReception`, shape (14,)."""
+        measured = self._loop.state.measured
+        if isinstance(self._loop, PythonClosedLoop):
+            measured = self._loop.hearing_on(self._loop.group_of(follower).link).measured
+        numbers = np.full(_RECEIVED_NUMBERS, np.nan)
+        last = measured.messages[follower] - 1
+        if last >= 0:
+            step = int(measured.message_step[follower, last])
+            numbers[0] = round(step * self.scenario.timing.filter_step_s, 6)
+            numbers[1:-3] = measured.message[follower, last]
+            numbers[-3:] = measured.ranges[follower, last]
+        return numbers
+
+    @property
+    def latest(self) -> dict[str, LastReception]:
+        """What each follower has received last by name, whenever that was."""
+        return {
+            name: last_reception(self._last_received(i).tolist())
+            for i, name in enumerate(self.names[1:])
+        }
+
+    @property
+    def numbers(self) -> InstantNumbers:
+        """All numbers of the present instant, not to be written to."""
+        k = self._instant
+        state = self._loop.state
+        truth = self._mission.truth
+        return InstantNumbers(
+            pose=truth.pose[k],
+            twist=truth.twist[k],
+            water=truth.water[k],
+            effector_states=truth.effector_states[k],
+            readings=state.reading_values,
+            estimates=state.estimates.view(np.float64).reshape(len(state.estimates), -1),
+            received=np.array([self._last_received(i) for i in range(len(self.names) - 1)]),
+        )
+
     @property
     def readings(self) -> dict[str, Readings]:
         """What each vehicle's sensors read last by name, of the leader if it senses under way;
@@ -456,15 +532,22 @@ class Simulation:
             estimates[name] = belief_of(self._loop.state.estimates[i])
         return estimates
 
-    def reset(self, *, seed: int | None = None, run: int | None = None) -> Self:
-        """Set out anew, perhaps with the noise of another seed or run; commands are forgotten.
+    def reset(
+        self,
+        *,
+        seed: int | None = None,
+        run: int | None = None,
+        changes: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """Set out anew, perhaps with the noise of another seed or run, or further changes of the
+        scenario by dotted key, which later resets keep; commands are forgotten.
 
         A log begins anew as well, and takes the place of the one before.
         """
-        changes = {"seed": seed, "run": run}
-        changed = {key: value for key, value in changes.items() if value is not None}
-        if changed:
-            self.scenario = as_scenario(self.scenario, changed)
+        noise = {"seed": seed, "run": run}
+        changed = {key: value for key, value in noise.items() if value is not None}
+        if changed or changes:
+            self.scenario = as_scenario(self.scenario, {**(changes or {}), **changed})
         self._end_log()
         self._set_out()
         return self

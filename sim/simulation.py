@@ -104,6 +104,13 @@ def _control(controller, k, truth):  # type: ignore[no-untyped-def]
     return method and (lambda controller, k, truth: method(controller, k, truth))
 
 
+def navigation_error(follower: int) -> ArithmeticError:
+    """That the navigator of a follower, by its number from 1, failed."""
+    return ArithmeticError(
+        f"the covariance of follower {follower} is not positive definite any more"
+    )
+
+
 class RouteControl(NamedTuple):
     """Controller of v vehicles along their routes, by the truth."""
 
@@ -416,6 +423,7 @@ class Mission:
         )
         self.observers: list[Observer] = []
         self._observed = 0  # how many instants observers got
+        self._looked_at = 0  # at how many it was looked whether they end the mission
 
     def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
         """See `laisn.held.refuse_copy`."""
@@ -448,6 +456,16 @@ class Mission:
         """What the loop works on, as compiled code takes it; None: a controller is in Python."""
         return Held(self._loop) if isinstance(self.controller, tuple) else None
 
+    def held_alone(self) -> Held | None:
+        """The same with vehicles that move one after the other, for `sim.mission_group`."""
+        if self._held is None or isinstance(self._loop.handles, StepHandles):
+            return self._held
+        return Held(self._loop._replace(handles=self.plant.handles_alone))
+
+    def end_advance(self) -> None:
+        """Take over what was flown by `sim.mission_group`."""
+        self.plant.finish_step((OK, -1))
+
     def advance(self, last: int) -> None:
         """Fly, control and record until an instant; nothing from outside is looked at meanwhile,
         not even Ctrl-C.
@@ -466,9 +484,7 @@ class Mission:
                 k, fault = _simulate_held(self.instants, end, self._held)
         plant.ocean.raise_custom_error()
         if fault[0] == NAVIGATION_FAILED:
-            raise ArithmeticError(
-                f"the covariance of follower {fault[1]} is not positive definite any more"
-            )
+            raise navigation_error(fault[1])
         self.instants = k + 1
         try:
             plant.finish_step(fault)
@@ -498,13 +514,14 @@ class Mission:
         """Advance until an instant, hulls touch or a vehicle leaves the bounds; whether one of
         these ends the mission, of which nothing later is kept then. Errors as of `advance`.
         """
-        first = self.instants
         try:
-            self.advance(last)
+            if self.instants <= min(last, self.last):
+                self.advance(last)
         except DivergedError:
             self._show_block()
             raise
-        ended = self._end_within(first, until_contact, bounds)
+        ended = self._end_within(self._looked_at, until_contact, bounds)
+        self._looked_at = self.instants
         self._show_block()
         return ended
 

@@ -173,16 +173,24 @@ class Departure(NamedTuple):
     left_field: str = ""
 
 
+@lru_cache(maxsize=64)
+def _points_and_beyond(route: Route) -> Floats:
+    """Waypoints of a route, and a place far on where it goes straight on behind the last, shape
+    (n, 2), [m].
+    """
+    points = route.waypoint
+    last = points[-1] - points[-2]
+    if not last.any():
+        return points
+    return np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
+
+
 def distance_from_route(route: Route, time: Floats, position: Floats) -> Floats:
     """Distance at times (n,), [s], from places (n, 3), [m], to the nearest leg of a route at the
     depth that is due, (n,), [m].
     """
-    points = route.waypoint
-    last = points[-1] - points[-2]
-    if last.any():
-        points = np.vstack([points, points[-1] + _BEYOND_M * last / np.hypot(*last)])
     squared = np.empty(time.size)
-    _squared_distances(points, np.ascontiguousarray(position[:, :2]), squared)
+    _squared_distances(_points_and_beyond(route), np.ascontiguousarray(position[:, :2]), squared)
     return np.asarray(np.hypot(np.sqrt(squared), position[:, 2] + route.depth.depth_at(time)))
 
 

@@ -144,20 +144,38 @@ class _Bars(Progress):
             self.tell("; ".join(lines) or f"preparing: {time.monotonic() - self._began:.0f} s")
 
 
-def compiling_shown(console: Console | None = None) -> AbstractContextManager[Progress]:
-    """Report, on standard error unless a console is given, how many functions the block
-    compiles.
-    """
+def _compiling_bars(console: Console) -> _Bars:
+    """Bars above the number of functions that are compiled."""
     # a process that only shows progress does not load the compiler
     from laisn import compiled
 
-    return _Bars(console or Console(stderr=True), count=compiled.count_compiled)
+    return _Bars(console, count=compiled.count_compiled)
+
+
+_is_compiling_shown = False
+
+
+@contextmanager
+def compiling_shown(console: Console | None = None) -> Iterator[None]:
+    """Report, on standard error unless a console is given, how many functions the block compiles;
+    a block within another is reported with it.
+    """
+    global _is_compiling_shown
+    if _is_compiling_shown:
+        yield
+        return
+    _is_compiling_shown = True
+    try:
+        with _compiling_bars(console or Console(stderr=True)):
+            yield
+    finally:
+        _is_compiling_shown = False
 
 
 @contextmanager
 def phases(console: Console) -> Iterator[Callable[[str], AbstractContextManager[Update]]]:
     """A bar for each phase of a flight, and the number of functions that are compiled."""
-    with compiling_shown(console) as bars:
+    with _compiling_bars(console) as bars:
 
         @contextmanager
         def phase(name: str) -> Iterator[Update]:

@@ -127,7 +127,7 @@ def handles_of_lanes(memory: LaneMotion, kinds: Kinds) -> StepHandles:
 
 
 @compiled_apart
-def _advance_lanes(memory: LaneMotion, kinds: Kinds, n_substeps: int) -> Fault:
+def advance_lanes(memory: LaneMotion, kinds: Kinds, n_substeps: int) -> Fault:
     """Advance all rows under their commands."""
     handles = handles_of_lanes(memory, kinds)
     return advance(handles, lanes_of(memory.command), n_substeps)
@@ -191,7 +191,7 @@ class FleetHandles(NamedTuple):
             copy_values(states[vehicle], rest.fitted.states[i])
             copy_values(command[vehicle], self.rest.command[i])
         memory.clock[0] = rest.clock[0] = alone.clock[0]
-        fault = _advance_lanes(memory, alone.fitted.kinds, n_substeps)
+        fault = advance_lanes(memory, alone.fitted.kinds, n_substeps)
         if fault[0] == OK and self.rest.vehicles.size > 0:
             fault = advance(rest, self.rest.command, n_substeps)
         if fault[0] != OK:

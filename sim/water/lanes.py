@@ -154,6 +154,12 @@ def sea_suits_lanes(sea: Environment) -> bool:
     return isinstance(sea.current, ShearedCurrent | GriddedCurrent)
 
 
+def is_steady(sea: Environment) -> bool:
+    """Whether nothing in a sea depends on time, as far as can be told by its kinds."""
+    is_calm = isinstance(sea.waves, WaveTrain) and sea.waves.components.shape[1] == 0
+    return is_calm and isinstance(sea.current, ShearedCurrent) and len(sea.current.change) == 0
+
+
 def _currents_in_lanes(
     currents: Sequence[ShearedCurrent | GriddedCurrent],
 ) -> ShearedMemory | FieldMemory:

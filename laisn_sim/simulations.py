@@ -1,0 +1,421 @@
+"""Missions that are stepped together from outside: what a `Simulation` gives as numbers of one
+mission, these give as arrays of all, and their vehicles move side by side.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NoReturn, Self, SupportsIndex, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.campaign.progress import compiling_shown
+from experiments.flight.library import as_scenario
+from laisn.arrays import Bools, Floats, Ints
+from laisn.errors import LaisnError
+from laisn.simd import LANES
+from laisn.swarm import ESTIMATE, READING
+from laisn_sim.simulation import (
+    InstantNumbers,
+    LastReception,
+    Simulation,
+    instants_of,
+    last_reception,
+)
+from sim import attitude
+from sim.custom_control import Belief, Command, Readings, Wrench
+from sim.feasibility import engine_errors
+from sim.flight import Termination
+from sim.mission_group import MissionGroup
+from sim.scenario.parts import MotionSettings
+from sim.scenario.settings import Scenario
+from sim.simulation import DivergedError, navigation_error
+
+Which = Sequence[int] | Sequence[bool] | Bools | Ints
+"""Some of n missions: their indices, or n truth values."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleTruths:
+    """True states of a vehicle in each of n missions, at their instants."""
+
+    position: Floats  # of the body's origin, east, north, up, shape (n, 3), [m]
+    quaternion: Floats  # attitude from body to world, (w, x, y, z), shape (n, 4)
+    velocity: Floats  # of the origin in the world, shape (n, 3), [m/s]
+    angular_velocity: Floats  # in the body frame, shape (n, 3), [rad/s]
+    water_velocity: Floats  # at the origin in the world, shape (n, 3), [m/s]
+    effectors: Floats  # states of the effectors: thrust [N], revolutions [1/s], deflection [rad]
+
+    @property
+    def depth(self) -> Floats:
+        """Of the origin, shape (n,), [m]."""
+        return -self.position[:, 2]
+
+    @property
+    def heading(self) -> Floats:
+        """Clockwise from north, in [0, 2π), shape (n,), [rad]."""
+        return attitude.heading_pitch_roll(self.quaternion)[0]
+
+    @property
+    def pitch(self) -> Floats:
+        """Positive nose up, shape (n,), [rad]."""
+        return attitude.heading_pitch_roll(self.quaternion)[1]
+
+    @property
+    def roll(self) -> Floats:
+        """Positive starboard down, shape (n,), [rad]."""
+        return attitude.heading_pitch_roll(self.quaternion)[2]
+
+
+def _of_fast_engine(scenario: Scenario, *, names_engine: bool) -> Scenario:
+    """A scenario by each hull's own equations of motion, if it names no solver and they hold."""
+    motion = MotionSettings.of(scenario)
+    if names_engine or motion.kind != "physics" or engine_errors(replace(motion, engine="direct")):
+        return scenario
+    timing = scenario.timing.model_copy(update={"engine": "direct"})
+    return scenario.model_copy(update={"timing": timing})
+
+
+def _indices(which: Which | None, count: int) -> list[int]:
+    """Indices of missions in order; LaisnError if there are no such missions."""
+    if which is None:
+        return list(range(count))
+    chosen = np.asarray(which)
+    if chosen.dtype == np.bool_ and chosen.shape == (count,):
+        return [int(i) for i in np.flatnonzero(chosen)]
+    is_index = chosen.ndim == 1 and (chosen.dtype.kind in "iu" or chosen.size == 0)
+    indices = [int(i) for i in chosen] if is_index else []
+    if not is_index or any(not 0 <= i < count for i in indices):
+        raise LaisnError(
+            f"which is {which!r:.80}, expected indices below {count}, or {count} truth values"
+        )
+    return sorted(set(indices))
+
+
+def _for_each(values: Any, name: str, indices: Sequence[int]) -> dict[int, Any]:
+    """A value for each of some missions, of one for all or one for each; None: none."""
+    if values is None or isinstance(values, int | np.integer):
+        return dict.fromkeys(indices, values)
+    listed = list(values)
+    if len(listed) != len(indices):
+        raise LaisnError(
+            f"{name} has {len(listed)} values, expected one for each of {len(indices)} missions"
+        )
+    return dict(zip(indices, listed, strict=True))
+
+
+class Simulations(Sequence[Simulation]):
+    """Missions of one kind that are stepped together from outside, for learning or batches.
+
+    Each is a `Simulation`, with the motion, measurements and estimates that it has alone, to the
+    bit, and can be looked at and commanded by itself. The vehicles of up to eight missions that
+    differ in numbers alone move side by side in vector registers, and groups of eight on all cores.
+
+    >>> import numpy as np
+    >>> import laisn_sim
+    >>> sims = laisn_sim.Simulations("T5", {"navigation.variant": "tight"}, count=16)
+    >>> while sims.time.min() < 20.0:
+    ...     heading = sims.readings["follower"].heading + 0.1
+    ...     sims.command("follower", laisn_sim.Command(heading, 1.0, 10.0))
+    ...     sims.step(1.0)
+    >>> flight = sims[3].flight()
+    """
+
+    def __init__(
+        self,
+        source: str | Path | Mapping[str, Any] | Scenario,
+        changes: Mapping[str, Any] | None = None,
+        *,
+        count: int | None = None,
+        each: Sequence[Mapping[str, Any]] | None = None,
+    ) -> None:
+        """Set out on `count` missions of a scenario, or on one with each of the further changes of
+        `each`; source, changes and errors are as of `load`.
+
+        Mission i has the noise of run i after the scenario's, unless `each` names a `run`. Vehicles
+        are moved by the solver "direct" if no `timing.engine` is named. LaisnError also if vehicles
+        move as points, or the missions' vehicles have different names or numbers of effectors.
+        """
+        further = [{} for _ in range(1 if count is None else count)] if each is None else list(each)
+        if not further or (count is not None and len(further) != count):
+            raise LaisnError(
+                f"count is {count!r} and each has {len(further)} tables, expected as many missions "
+                "as tables, at least one"
+            )
+        source_engine = isinstance(source, Scenario) and "engine" in source.timing.model_fields_set
+        self._sims: list[Simulation] = []
+        with compiling_shown():
+            for i, own in enumerate(further):
+                scenario = as_scenario(source, {**(changes or {}), **own})
+                if "run" not in own:
+                    scenario = scenario.model_copy(update={"run": scenario.run + i})
+                by_table = "engine" in scenario.timing.model_fields_set
+                names_engine = source_engine if isinstance(source, Scenario) else by_table
+                self._sims.append(Simulation(_of_fast_engine(scenario, names_engine=names_engine)))
+        effectors = {
+            tuple(zip(sim.names, map(len, sim.mission.plant.effector_names), strict=True))
+            for sim in self._sims
+        }
+        if len(effectors) > 1:
+            raise LaisnError(
+                "the missions' vehicles differ in names or numbers of effectors: "
+                f"{' and '.join(map(str, sorted(effectors)[:2]))}; arrays of all need the same"
+            )
+        self._groups: list[MissionGroup | None] = [None] * -(-len(self._sims) // LANES)
+        self._is_grouped = [False] * len(self._groups)
+        self._threads = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+        self._numbers: InstantNumbers | None = None
+        self._has_stepped = False
+
+    def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
+        """LaisnError: see `Simulation`."""
+        raise LaisnError("Simulations are neither copied nor pickled; make others, and step them")
+
+    def __repr__(self) -> str:
+        return f"<Simulations: {len(self)} of {self._sims[0].scenario.name!r}>"
+
+    def __len__(self) -> int:
+        return len(self._sims)
+
+    @overload
+    def __getitem__(self, index: int) -> Simulation: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Simulation]: ...
+    def __getitem__(self, index: int | slice) -> Simulation | list[Simulation]:
+        """A mission, to be looked at, commanded or asked for its flight by itself."""
+        return self._sims[index]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the vehicles of each mission, the leader's first."""
+        return self._sims[0].names
+
+    @property
+    def time(self) -> Floats:
+        """Since the start of each mission, shape (n,), [s]."""
+        return np.array([sim.time for sim in self._sims])
+
+    @property
+    def done(self) -> Bools:
+        """Which missions are at their end, shape (n,)."""
+        return np.array([sim.done for sim in self._sims])
+
+    @property
+    def outcomes(self) -> tuple[Termination, ...]:
+        """How each mission ended; INTERRUPTED until it has."""
+        return tuple(sim.outcome for sim in self._sims)
+
+    def step(self, duration: float | None = None) -> Self:
+        """Advance all missions that are not at their end, to the next control instant or by a
+        duration [s], a multiple of 0.1 s, at most to the end of each.
+
+        A mission that leaves finite numbers is over; `outcomes` says so. LaisnError if all missions
+        are over or the duration is no positive multiple of 0.1 s; ArithmeticError naming a mission
+        and a follower whose navigator failed, when all others are there.
+        """
+        instants = instants_of(duration)
+        if self.done.all():
+            raise LaisnError("all missions have ended")
+        if self._has_stepped:
+            self._step(instants)
+            return self
+        self._has_stepped = True
+        with compiling_shown():
+            self._step(instants)
+        return self
+
+    def _step(self, instants: int) -> None:
+        self._numbers = None
+        ends = [-1 if sim.done else sim.end_of_step(instants) for sim in self._sims]
+        for number in range(len(self._groups)):
+            self._group(number)
+        failures: dict[int, ArithmeticError] = {}
+        for failed in self._threads.map(
+            lambda number: self._advance_group(number, ends), range(len(self._groups))
+        ):
+            failures |= failed
+        for i, (sim, end) in enumerate(zip(self._sims, ends, strict=True)):
+            if end < 0 or i in failures:
+                continue
+            try:
+                sim.advance(end)
+            except DivergedError:
+                # its outcome says so
+                continue
+            except ArithmeticError as error:
+                failures[i] = error
+        for i, failure in sorted(failures.items()):
+            raise ArithmeticError(f"mission {i}: {failure}") from failure
+
+    def _group(self, number: int) -> None:
+        """Form a group of missions anew if one of them was set out anew."""
+        if self._is_grouped[number]:
+            return
+        self._is_grouped[number] = True
+        missions = [sim.mission for sim in self._sims[number * LANES : (number + 1) * LANES]]
+        try:
+            self._groups[number] = MissionGroup(missions)
+        except ValueError:
+            self._groups[number] = None
+
+    def _advance_group(self, number: int, ends: Sequence[int]) -> dict[int, ArithmeticError]:
+        """Advance a group as far as its missions move side by side; what went wrong by mission."""
+        group = self._groups[number]
+        if group is None:
+            return {}
+        first = number * LANES
+        failed = group.advance(ends[first : first + LANES])
+        return {first + i: navigation_error(follower) for i, follower in failed.items()}
+
+    def command(
+        self,
+        vehicle: str,
+        command: Command | Wrench | Floats | None,
+        which: Which | None = None,
+    ) -> None:
+        """Command a vehicle of all missions, or of those of `which`, from now on, as of
+        `Simulation.command`.
+
+        Each number of a `Command` or a `Wrench` may be an array of one for each of these missions;
+        an array of states of the effectors has shape (m,), for all, or (missions, m).
+        """
+        indices = _indices(which, len(self))
+        if command is None:
+            for i in indices:
+                self._sims[i].command(vehicle, None)
+            return
+        for i, values in zip(indices, self._rows(command, len(indices)), strict=True):
+            own: Command | Wrench | Floats = values
+            if not isinstance(command, np.ndarray):
+                own = type(command)(*values.tolist())
+            try:
+                self._sims[i].command(vehicle, own)
+            except LaisnError as error:
+                raise LaisnError(f"mission {i}: {error}") from None
+
+    @staticmethod
+    def _rows(command: Command | Wrench | Floats, count: int) -> Floats:
+        """Numbers of a command of each of some missions."""
+        if isinstance(command, np.ndarray):
+            parts: Sequence[Any] = [command]
+            shape = (count, command.shape[-1] if command.ndim else 1)
+        elif isinstance(command, Command | Wrench):
+            parts = [np.asarray(value)[..., None] for value in command]
+            shape = (count, 1)
+        else:
+            raise LaisnError(
+                f"command {command!r:.80}; expected a Command, a Wrench, an array or None"
+            )
+        try:
+            rows = [np.broadcast_to(np.asarray(part, dtype=np.float64), shape) for part in parts]
+        except (TypeError, ValueError):
+            raise LaisnError(
+                f"command {command!r:.80}; expected numbers, or arrays of {count}, one for each "
+                "mission that is commanded"
+            ) from None
+        return np.concatenate(rows, axis=1)
+
+    def reset(
+        self,
+        which: Which | None = None,
+        *,
+        seed: int | Sequence[int] | Ints | None = None,
+        run: int | Sequence[int] | Ints | None = None,
+        each: Sequence[Mapping[str, Any]] | None = None,
+    ) -> Self:
+        """Set out anew on all missions, or on those of `which`, perhaps with the noise of other
+        seeds or runs, one for all or one for each, or with further changes of each.
+        """
+        indices = _indices(which, len(self))
+        seeds = _for_each(seed, "seed", indices)
+        runs = _for_each(run, "run", indices)
+        changes = _for_each(each, "each", indices)
+        for i in indices:
+            self._sims[i].reset(seed=seeds[i], run=runs[i], changes=changes[i])
+            self._is_grouped[i // LANES] = False
+        self._numbers = None
+        return self
+
+    @property
+    def _stacked(self) -> InstantNumbers:
+        """Numbers of all missions, the missions along the first axis."""
+        if self._numbers is None:
+            listed = [sim.numbers for sim in self._sims]
+            self._numbers = InstantNumbers(*map(np.stack, zip(*listed, strict=True)))
+        return self._numbers
+
+    @property
+    def truth(self) -> dict[str, VehicleTruths]:
+        """True states of all vehicles by name, as arrays of all missions."""
+        numbers = self._stacked
+        counts = map(len, self._sims[0].mission.plant.effector_names)
+        return {
+            name: VehicleTruths(
+                position=numbers.pose[:, i, :3],
+                quaternion=numbers.pose[:, i, 3:],
+                velocity=numbers.twist[:, i, :3],
+                angular_velocity=numbers.twist[:, i, 3:],
+                water_velocity=numbers.water[:, i],
+                effectors=numbers.effector_states[:, i, :effectors],
+            )
+            for i, (name, effectors) in enumerate(zip(self.names, counts, strict=True))
+        }
+
+    def _by_follower(self, numbers: Floats) -> dict[str, npt.NDArray[Any]]:
+        return {name: numbers[:, i] for i, name in enumerate(self.names[1:])}
+
+    @property
+    def readings(self) -> dict[str, Readings]:
+        """What each follower's sensors read last by name: `Readings` of arrays of all missions.
+
+        They hold no receptions, which `latest` has, and no readings of further sensors, which those
+        of a single mission have.
+        """
+        time: Any = self.time
+        readings = {}
+        for name, numbers in self._by_follower(self._stacked.readings).items():
+            reading: Any = np.ascontiguousarray(numbers).view(READING)[:, 0]
+            readings[name] = Readings(
+                time=time,
+                speed=reading["speed"],
+                heading=reading["heading"],
+                depth=reading["depth"],
+                pitch=reading["pitch"],
+                yaw_rate=reading["turning"],
+                pitch_rate=reading["pitching"],
+                heel=np.arcsin(np.clip(reading["heel"], -1.0, 1.0)),
+                roll_rate=reading["rolling"],
+                reception=None,
+            )
+        return readings
+
+    @property
+    def estimates(self) -> dict[str, Belief]:
+        """What each follower's navigator believes by name, brought forward between filter steps:
+        `Belief` of arrays of all missions.
+        """
+        beliefs = {}
+        for name, numbers in self._by_follower(self._stacked.estimates).items():
+            estimate: Any = np.ascontiguousarray(numbers).view(ESTIMATE)[:, 0]
+            beliefs[name] = Belief(
+                east=estimate["position"][:, 0],
+                north=estimate["position"][:, 1],
+                east_velocity=estimate["velocity"][:, 0],
+                north_velocity=estimate["velocity"][:, 1],
+                log_bias=estimate["log_bias"],
+                compass_bias=estimate["compass_bias"],
+                east_current=estimate["current"][:, 0],
+                north_current=estimate["current"][:, 1],
+            )
+        return beliefs
+
+    @property
+    def latest(self) -> dict[str, LastReception]:
+        """What each follower has received last by name: arrays of all missions."""
+        received = self._by_follower(self._stacked.received)
+        return {name: last_reception(list(numbers.T)) for name, numbers in received.items()}
