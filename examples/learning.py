@@ -29,19 +29,15 @@ class KeepPlace(gymnasium.Env):
     def __init__(self, duration_s=200.0):
         settings = {"duration_s": duration_s, "navigation.variant": "tight"}
         self.sim = laisn_sim.Simulation("T5", settings)
-        self.leader = None  # its last message
 
     def _advance(self):
-        for _ in range(10):
-            self.sim.step()
-            reception = self.sim.receptions["follower"]
-            self.leader = reception.message if reception else self.leader
-        own, believed, leader = self.sim.readings, self.sim.estimates["follower"], self.leader
-        heading, speed = own["follower"].heading, own["follower"].speed
+        self.sim.step(1.0)
+        own, believed = self.sim.readings["follower"], self.sim.estimates["follower"]
+        leader = self.sim.latest["follower"].message
         east, north = leader.east - believed.east, leader.north - believed.north
-        ahead, port = way(east, north, leader.heading, heading)
-        turn = leader.heading - heading
-        seen = np.array([ahead / 10, port / 10, speed, np.sin(turn), np.cos(turn)], np.float32)
+        ahead, port = way(east, north, leader.heading, own.heading)
+        turn = leader.heading - own.heading
+        seen = np.array([ahead / 10, port / 10, own.speed, np.sin(turn), np.cos(turn)], np.float32)
         return seen.clip(-50.0, 50.0)
 
     def reset(self, *, seed=None, options=None):

@@ -43,6 +43,7 @@ from tools.benchmarks.row import Goal, Row, least_time
 from tools.benchmarks.sea import sea
 from tools.benchmarks.stepping import stepping
 from tools.benchmarks.studies import studies
+from tools.benchmarks.together import together
 from tools.documents.markers import RECORDS
 
 RUNS = 60
@@ -267,6 +268,7 @@ BENCHMARKS: dict[str, Callable[[], list[Row]]] = {
     "sea": sea,
     "formation": formation,
     "stepping": stepping,
+    "together": together,
     "study": studies,
     "log": benchmarks_mission.log,
     "film": benchmarks_mission.film,
