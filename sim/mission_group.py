@@ -188,3 +188,19 @@ class MissionGroup:
             if done < ticks:
                 break
         return failed
+
+
+def fly_side_by_side(missions: Sequence[Mission]) -> list[bool]:
+    """Fly up to eight missions before their first instant to their end, as far as they move side by
+    side; `sim.simulation.fly_mission` flies the rest, and finds what ended them.
+
+    Gives whether each is fit for that: not where a navigator failed.
+    """
+    for mission in missions:
+        mission.advance(0)
+    try:
+        group = MissionGroup(missions)
+    except ValueError:
+        return [True] * len(missions)
+    failed = group.advance([mission.last for mission in missions])
+    return [i not in failed for i in range(len(missions))]

@@ -36,11 +36,25 @@ Task = partial[Any]
 
 It returns a list of records, stored as JSON values. It raises `CampaignError` if it cannot compute
 them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SideBySide:
+    """Tasks that may be computed together, with the results that each has alone, in less time."""
+
+    names: Sequence[Any]
+    compute: Callable[[Sequence[Task]], list[list[Record] | None]]
+    """A function of a module: rows of each task; None of one that is left to be computed alone."""
+    most: int  # how many, at most, are computed together
+
+
 # filter steps that a process computes before it reports: a third of a second
 BATCH_STEPS = 20_000_000
 # up to so many missions for each process are flown as jobs of their own, before their cells; if
 # there are more, each is flown in one job with its first cells
 FEW_MISSIONS = 4
+# so many missing tasks take longer than to compile what computes them side by side
+_MANY_TASKS = 64
 _MANY_RUNS = 10_000  # cells of so many runs take seconds, in which threads use all cores
 
 
@@ -332,6 +346,38 @@ class _Campaign:
             )
         return jobs
 
+    def task_groups(self, together: Sequence[SideBySide], workers: int) -> list[list[Any]]:
+        """Names of missing tasks that are computed together, where there are many."""
+        if len(self.missing_tasks) < _MANY_TASKS:
+            return []
+        missing = set(self.missing_tasks)
+        size = -(-len(missing) // workers)
+        groups = list[list[Any]]()
+        for group in together:
+            names = [name for name in group.names if name in missing]
+            most = min(group.most, size)
+            groups += [names[first : first + most] for first in range(0, len(names), most)]
+        return [group for group in groups if len(group) > 1]
+
+    def task_group_jobs(self, together: Sequence[SideBySide], pool: Pool) -> list[Job]:
+        """Jobs for tasks side by side."""
+        compute_of = {name: group.compute for group in together for name in group.names}
+        jobs = list[Job]()
+        for names in self.task_groups(together, pool.size):
+            keys = [self.task_keys[name] for name in names]
+            tasks = [self.tasks[name] for name in names]
+            work = partial(_rows_together, keys, tasks, compute_of[names[0]])
+            jobs.append(
+                Job(
+                    key=("together", names[0]),
+                    kind="runs",
+                    result_keys=keys,
+                    run=partial(_given, work),
+                    size=len(names),
+                )
+            )
+        return jobs
+
     def _mission_job(self, plan: CellPlan, batch: Sequence[CellPlan]) -> Job:
         return Job(
             key=plan.motion_key,
@@ -359,6 +405,18 @@ def _rows(key: str, task: Task) -> list[Result]:
     return [(key, task(), {})]
 
 
+def _rows_together(
+    keys: Sequence[str],
+    tasks: Sequence[Task],
+    compute_together: Callable[[Sequence[Task]], list[list[Record] | None]],
+) -> list[Result]:
+    """Results of tasks side by side; what fails is left out, and tells why when it is computed
+    alone.
+    """
+    rows = zip(keys, compute_together(tasks), strict=True)
+    return [(key, of_task, {}) for key, of_task in rows if of_task is not None]
+
+
 def _result_keys(batch: Iterable[CellPlan]) -> list[str]:
     return [key for plan in batch for key in plan.keys]
 
@@ -377,7 +435,10 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
 
 
 def _compile_before(
-    campaign: _Campaign, workers: int, compile_tasks: Callable[[], object] | None
+    campaign: _Campaign,
+    workers: int,
+    compile_tasks: Callable[[bool], object] | None,
+    together: Sequence[SideBySide],
 ) -> None:
     """Compile once what each worker would else compile for itself."""
     if campaign.missing_cells and FOLDER:
@@ -390,7 +451,7 @@ def _compile_before(
             process.submit(compile_first).result()
     if campaign.missing_tasks and compile_tasks:
         with compiling_shown():
-            compile_tasks()
+            compile_tasks(bool(campaign.task_groups(together, workers)))
 
 
 def fly(
@@ -399,7 +460,8 @@ def fly(
     folder: Path,
     *,
     facts: Facts | None = None,
-    compile_tasks: Callable[[], object] | None = None,
+    together: Sequence[SideBySide] = (),
+    compile_tasks: Callable[[bool], object] | None = None,
     tolerant: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> CampaignResults:
@@ -411,8 +473,9 @@ def fly(
         tasks: work of other kinds, by names.
         folder: of the results; made if it does not exist.
         facts: measured of every mission of the cells.
+        together: tasks that may be computed side by side.
         compile_tasks: compiles in this process what each worker would else compile for itself
-            before its first task.
+            before its first task; it is told whether some are computed side by side.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
@@ -437,7 +500,7 @@ def fly(
     missing = campaign.missing_cells, campaign.missing_missions, campaign.missing_tasks
     pool.size = min(pool.size, max(1, *map(len, missing)))
     if cluster is None and not quiet:
-        _compile_before(campaign, pool.size, compile_tasks)
+        _compile_before(campaign, pool.size, compile_tasks, together)
     with ExitStack() as ending:
         # workers are killed if something fails
         ending.callback(store.remove_unfinished)
@@ -446,6 +509,10 @@ def fly(
         if lanes:
             # what cannot be flown side by side is left, and flown alone below
             run_jobs(lanes, store, pool, tolerant=True, quiet=quiet)
+            campaign = _Campaign.of(cells, tasks, facts, store)
+        groups = campaign.task_group_jobs(together, pool)
+        if groups:
+            run_jobs(groups, store, pool, tolerant=True, quiet=quiet)
             campaign = _Campaign.of(cells, tasks, facts, store)
         jobs = campaign.jobs(pool, threads)
         failures = run_jobs(jobs, store, pool, tolerant=tolerant, quiet=quiet)

@@ -3,8 +3,9 @@ closed loop.
 """
 
 import tomllib
+from collections.abc import Sequence
 from importlib import resources
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -12,18 +13,20 @@ from experiments.campaign.montecarlo import PERCENTILES
 from experiments.campaign.store import CampaignError, Record
 from laisn import metrics
 from laisn.arrays import Bools, Floats
+from laisn.errors import LaisnError
 from laisn.estimates import FixKind
 from laisn.geometry import pitch_fix_error
 from sim.assembly import routes_of
 from sim.attitude import heading_angles, pitch_angles
-from sim.closed_loop import simulate_closed_loop
+from sim.closed_loop import AnyClosedLoop, closed_loop_mission
 from sim.flight import Termination
+from sim.mission_group import fly_side_by_side
 from sim.power import thruster_power
 from sim.scenario.formation import MIN_LAYER_SPACING_M
 from sim.scenario.parts import MotionSettings
 from sim.scenario.routes import Route
 from sim.scenario.settings import CONTROL_STEP_S, Scenario
-from sim.simulation import DivergedError, EndedError
+from sim.simulation import DivergedError, EndedError, Mission, fly_mission
 from sim.tracking import (
     LeastDistances,
     contacts,
@@ -248,38 +251,61 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     missions of unlike length would hide it. CampaignError: the simulation left finite numbers.
     """
     scenario_of_run = scenario.model_copy(update={"run": run})
-    stride = round(scenario_of_run.timing.filter_step_s / CONTROL_STEP_S)
+    return _records_of_mission(scenario_of_run, closed_loop_mission(scenario_of_run, whole=False))
+
+
+def records_of_runs(runs: Sequence[tuple[Scenario, int]]) -> list[list[Record] | None]:
+    """The same of up to eight runs, whose vehicles move side by side where they can, to the bit;
+    None: one that fails, and tells why when it is flown alone.
+    """
+    scenarios = [scenario.model_copy(update={"run": run}) for scenario, run in runs]
+    missions = [closed_loop_mission(scenario, whole=False) for scenario in scenarios]
+    results: list[list[Record] | None] = []
+    for scenario, mission, is_fit in zip(
+        scenarios, missions, fly_side_by_side(missions), strict=True
+    ):
+        try:
+            results.append(_records_of_mission(scenario, mission) if is_fit else None)
+        except (LaisnError, ArithmeticError):
+            results.append(None)
+    return results
+
+
+def _records_of_mission(scenario: Scenario, mission: Mission) -> list[Record]:
+    """Results of `records_of_run` of a mission that has not been flown, or to its end."""
+    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+    loop = cast(AnyClosedLoop, mission.controller)
     ended = False
     try:
-        trajectory, loop = simulate_closed_loop(scenario_of_run)
+        trajectory = fly_mission(MotionSettings.of(scenario), mission)
         filter_steps = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :filter_steps, :2], 0, 1)
         gated = loop.gated.tolist()
     except DivergedError:
-        raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None
+        raise CampaignError(f"run {scenario.run}: {Termination.DIVERGED.value}") from None
     except EndedError as error:
         trajectory = error.trajectory
         ended = True
-        followers = len(scenario_of_run.followers)
+        followers = len(scenario.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(MotionSettings.of(scenario_of_run), trajectory)):
+    for i, facts in enumerate(facts_of(MotionSettings.of(scenario), trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position_error = metrics.position_errors(estimate, truth)
         bearing_error_deg = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
         locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
-            "run": run,
+            "run": scenario.run,
             "e_p_max_m": float(position_error.max()),
             "e_p_mean_m": float(position_error.mean()),
             "e_b_max_deg": float(bearing_error_deg.max()),
             "e_b_mean_deg": float(bearing_error_deg.mean()),
-            "mirror_locked": metrics.longest_mirror_lock(locked) >= scenario_of_run.message_every,
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= scenario.message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,

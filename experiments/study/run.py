@@ -16,21 +16,24 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import CampaignResults, ExecutionOptions, Task
+from experiments.campaign.campaign import CampaignResults, ExecutionOptions, SideBySide, Task
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
 from experiments.study.estimate import Results
 from experiments.study.file import Until
-from experiments.study.measure import facts_of, records_of_run
+from experiments.study.measure import facts_of, records_of_run, records_of_runs
 from experiments.study.plan import PlanEntry, StudyPlan
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
-from sim.scenario.settings import Video
+from laisn.simd import LANES
+from sim.scenario.settings import CONTROL_STEP_S, Scenario, Video
 from sim.trajectory import Trajectory
 
 # largest factor by which runs grow from one look at their intervals to the next
 _MAX_GROWTH = 10.0
+# states of vehicles that runs side by side keep at most: a quarter of a gigabyte
+_MOST_STATES = 1_000_000
 _TABLE_ROWS = 60_000  # of a part of runs.parquet, as of `run_tables`
 
 
@@ -193,10 +196,19 @@ def fly_studies(
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
     closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
     compile_tasks = (
-        partial(fly, closed_loop_entry.scenario.first_messages) if closed_loop_entry else None
+        partial(_compile_runs, closed_loop_entry.scenario.first_messages)
+        if closed_loop_entry
+        else None
     )
     campaign_results = campaign.fly(
-        cells, tasks, folder, facts=facts_of, compile_tasks=compile_tasks, tolerant=True, **options
+        cells,
+        tasks,
+        folder,
+        facts=facts_of,
+        together=[flight.together for flight in flights if flight.tasks],
+        compile_tasks=compile_tasks,
+        tolerant=True,
+        **options,
     )
     studies = [
         StudyResults(plan=plan, rows=[], runs=[], steps=[], store=campaign_results.store)
@@ -205,6 +217,18 @@ def fly_studies(
     for flight in flights:
         _add_results(studies[flight.study_index], flight, campaign_results)
     return studies
+
+
+def _records_of_tasks(tasks: Sequence[Task]) -> list[list[Record] | None]:
+    """Rows of tasks of closed loops, side by side."""
+    return records_of_runs([task.args for task in tasks])
+
+
+def _compile_runs(short: Scenario, side_by_side: bool) -> None:
+    """Compile what runs of a closed loop need, alone or side by side; `short` is a short one."""
+    fly(short)
+    if side_by_side:
+        records_of_runs([(short, run) for run in range(1, LANES + 1)])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -229,6 +253,15 @@ class _EntryFlight:
         else:
             cells = _cells(plan, entry)
         return cls(study_index=study_index, plan=plan, entry=entry, cells=cells, tasks=tasks)
+
+    @property
+    def together(self) -> SideBySide:
+        """Its runs, as many side by side as there is memory for."""
+        scenario = self.entry.scenario
+        instants = round(scenario.duration_s / CONTROL_STEP_S)
+        states = instants * (1 + len(scenario.followers))
+        most = min(LANES, _MOST_STATES // states) if scenario.timing.engine == "direct" else 1
+        return SideBySide(names=list(self.tasks), compute=_records_of_tasks, most=max(most, 1))
 
     def failure(self, campaign_results: CampaignResults) -> str | None:
         """Why it could not be flown."""

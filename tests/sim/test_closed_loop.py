@@ -397,7 +397,8 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
     """
     calls = []
 
-    def simulate(scenario: Scenario) -> tuple[Trajectory, Any]:
+    def mission(scenario: Scenario, *, whole: bool) -> Any:
+        assert not whole
         calls.append(scenario)
         kinematic = tuple(
             f.model_copy(update={"guidance_position": "truth"}) for f in scenario.followers
@@ -417,9 +418,11 @@ def test_a_fleet_is_measured_follower_by_follower(monkeypatch: pytest.MonkeyPatc
         ]
         concluded = SimpleNamespace(state=np.stack(estimated_paths))
         gated = np.zeros(len(estimated_paths), dtype=np.int64)
-        return displaced, SimpleNamespace(state=SimpleNamespace(concluded=concluded), gated=gated)
+        loop = SimpleNamespace(state=SimpleNamespace(concluded=concluded), gated=gated)
+        return SimpleNamespace(controller=loop, flown=displaced)
 
-    monkeypatch.setattr(study_measure, "simulate_closed_loop", simulate)
+    monkeypatch.setattr(study_measure, "closed_loop_mission", mission)
+    monkeypatch.setattr(study_measure, "fly_mission", lambda _, mission: mission.flown)
     first, second, *_ = (
         {name: record[name] for name in ("e_p_mean_m", "track_error_rms_m", "track_error_end_m")}
         for record in records_of_run(ENTRIES["tight-2 estimate"].scenario_at(3), 3)

@@ -1,6 +1,6 @@
 """Tasks: rows stored under a key of sources and input, resumed; failures reported by name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -121,10 +121,49 @@ def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path:
             [],
             {2: partial(square, 2)},
             tmp_path,
-            compile_tasks=lambda: compilations.append(1),
+            compile_tasks=lambda _: compilations.append(1),
             workers=1,
         )
     assert compilations == [1]
+
+
+def numbers_together(tasks: Sequence[campaign.Task]) -> list[list[dict[str, Any]] | None]:
+    """Of each how many it lies beside; nothing of 5."""
+    numbers = [task.args[0] for task in tasks]
+    return [None if n == 5 else [{"of": n, "beside": len(numbers)}] for n in numbers]
+
+
+def test_many_tasks_are_computed_together_and_those_left_out_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three at a time, of those without a result; few are all computed alone."""
+    tasks = {n: partial(another_task, n) for n in range(8)}
+    group = campaign.SideBySide(names=range(1, 8), compute=numbers_together, most=3)
+    told: list[bool] = []
+
+    def fly(names: Iterable[int], folder: str) -> dict[int, Any]:
+        chosen = {name: tasks[name] for name in names}
+        results = campaign.fly(
+            [],
+            chosen,
+            tmp_path / folder,
+            together=[group],
+            compile_tasks=told.append,
+            workers=1,
+            quiet=False,
+        )
+        return {name: rows[0] for name, rows in results.tasks.items()}
+
+    alone = {n: {"of": n} for n in tasks}
+    assert fly(tasks, "few") == alone
+    monkeypatch.setattr(campaign, "_MANY_TASKS", 6)
+    rows = fly([1], "many")
+    assert rows == {1: alone[1]}
+    rows = fly(tasks, "many")
+    assert {n: rows[n] for n in (0, 1, 5)} == {n: alone[n] for n in (0, 1, 5)}
+    together = {n: {"of": n, "beside": 3} for n in (2, 3, 4, 6, 7)}
+    assert {n: rows[n] for n in together} == together
+    assert told == [False, False, True]
 
 
 class PretendingStore(Store):

@@ -337,7 +337,9 @@ def test_a_run_is_measured_by_its_stations_errors_and_powers(
         ),
         gated=np.zeros(10, int),
     )
-    monkeypatch.setattr(measure, "simulate_closed_loop", lambda *_: (trajectory, loop))
+    mission = SimpleNamespace(controller=loop)
+    monkeypatch.setattr(measure, "closed_loop_mission", lambda *_, **__: mission)
+    monkeypatch.setattr(measure, "fly_mission", lambda *_: trajectory)
     monkeypatch.setattr(measure, "track_errors", lambda *_: distance)
     monkeypatch.setattr(measure, "true_stations", lambda *_: true_places)
     run = pa.Table.from_pylist(records_of_run(scenario, 0)).to_pydict()
