@@ -72,13 +72,28 @@ class VehicleTruths:
         return attitude.heading_pitch_roll(self.quaternion)[2]
 
 
-def _of_fast_engine(scenario: Scenario, *, names_engine: bool) -> Scenario:
-    """A scenario by each hull's own equations of motion, if it names no solver and they hold."""
-    motion = MotionSettings.of(scenario)
-    if names_engine or motion.kind != "physics" or engine_errors(replace(motion, engine="direct")):
-        return scenario
-    timing = scenario.timing.model_copy(update={"engine": "direct"})
-    return scenario.model_copy(update={"timing": timing})
+def _can_move_directly(motion: MotionSettings) -> bool:
+    """Whether each hull's own equations of motion hold for all hulls."""
+    return motion.kind == "physics" and not engine_errors(replace(motion, engine="direct"))
+
+
+def _load(
+    source: str | Path | Mapping[str, Any] | Scenario,
+    changes: Mapping[str, Any],
+    run_offset: int,
+) -> Scenario:
+    """A scenario of a later run, by each hull's own equations of motion if neither source nor
+    changes name a solver.
+    """
+    scenario = as_scenario(source, changes)
+    # one that was loaded of another names all keys
+    named = source if isinstance(source, Scenario) else scenario
+    updates: dict[str, Any] = {"run": scenario.run + run_offset}
+    names_engine = "engine" in named.timing.model_fields_set
+    names_engine |= not {"timing", "timing.engine"}.isdisjoint(changes)
+    if not names_engine and _can_move_directly(MotionSettings.of(scenario)):
+        updates["timing"] = scenario.timing.model_copy(update={"engine": "direct"})
+    return scenario.model_copy(update=updates)
 
 
 def _indices(which: Which | None, count: int) -> list[int]:
@@ -141,22 +156,20 @@ class Simulations(Sequence[Simulation]):
         are moved by the solver "direct" if no `timing.engine` is named. LaisnError also if vehicles
         move as points, or the missions' vehicles have different names or numbers of effectors.
         """
-        further = [{} for _ in range(1 if count is None else count)] if each is None else list(each)
-        if not further or (count is not None and len(further) != count):
+        tables: list[Mapping[str, Any]] = [{}] * (1 if count is None else count)
+        if each is not None:
+            tables = list(each)
+        if not tables or (count is not None and len(tables) != count):
             raise LaisnError(
-                f"count is {count!r} and each has {len(further)} tables, expected as many missions "
+                f"count is {count!r} and each has {len(tables)} tables, expected as many missions "
                 "as tables, at least one"
             )
-        source_engine = isinstance(source, Scenario) and "engine" in source.timing.model_fields_set
         self._sims: list[Simulation] = []
         with compiling_shown():
-            for i, own in enumerate(further):
-                scenario = as_scenario(source, {**(changes or {}), **own})
-                if "run" not in own:
-                    scenario = scenario.model_copy(update={"run": scenario.run + i})
-                by_table = "engine" in scenario.timing.model_fields_set
-                names_engine = source_engine if isinstance(source, Scenario) else by_table
-                self._sims.append(Simulation(_of_fast_engine(scenario, names_engine=names_engine)))
+            for i, own in enumerate(tables):
+                all_changes = {**(changes or {}), **own}
+                run_offset = 0 if "run" in own else i
+                self._sims.append(Simulation(_load(source, all_changes, run_offset)))
         effectors = {
             tuple(zip(sim.names, map(len, sim.mission.plant.effector_names), strict=True))
             for sim in self._sims

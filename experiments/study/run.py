@@ -27,7 +27,7 @@ from experiments.study.plan import PlanEntry, StudyPlan
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.simd import LANES
-from sim.scenario.settings import CONTROL_STEP_S, Scenario, Video
+from sim.scenario.settings import CONTROL_STEP_S, Video
 from sim.trajectory import Trajectory
 
 # largest factor by which runs grow from one look at their intervals to the next
@@ -195,11 +195,7 @@ def fly_studies(
     cells = [cell for flight in flights for cell in flight.cells]
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
     closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
-    compile_tasks = (
-        partial(_compile_runs, closed_loop_entry.scenario.first_messages)
-        if closed_loop_entry
-        else None
-    )
+    compile_tasks = partial(_compile_runs, closed_loop_entry) if closed_loop_entry else None
     campaign_results = campaign.fly(
         cells,
         tasks,
@@ -224,8 +220,9 @@ def _records_of_tasks(tasks: Sequence[Task]) -> list[list[Record] | None]:
     return records_of_runs([task.args for task in tasks])
 
 
-def _compile_runs(short: Scenario, side_by_side: bool) -> None:
-    """Compile what runs of a closed loop need, alone or side by side; `short` is a short one."""
+def _compile_runs(entry: PlanEntry, side_by_side: bool) -> None:
+    """Compile what runs of an entry in closed loop need, alone or side by side."""
+    short = entry.scenario.first_messages
     fly(short)
     if side_by_side:
         records_of_runs([(short, run) for run in range(1, LANES + 1)])

@@ -217,7 +217,10 @@ def test_the_engine_is_the_one_that_is_named() -> None:
 
     assert engines(OPEN_LOOP) == {"direct"}
     assert engines(OPEN_LOOP, {"timing.engine": "mujoco"}) == {"mujoco"}
-    assert engines(laisn_sim.Scenario(**OPEN_LOOP)) == {"direct"}
+    scenario = laisn_sim.Scenario(**OPEN_LOOP)
+    assert engines(scenario) == {"direct"}
+    assert engines(scenario, {"timing.engine": "mujoco"}) == {"mujoco"}
+    assert engines(laisn_sim.Scenario(**OPEN_LOOP, timing={"engine": "mujoco"})) == {"mujoco"}
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ AT_THE_TOP = {
     # commands, and functions of users
     "laisn_sim/cli/fly.py": 3,
     "laisn_sim/simulation.py": 1,
+    "laisn_sim/simulations.py": 2,
     "experiments/flight/library.py": 2,
     "experiments/flight/results.py": 1,
     "reports/sea_page.py": 1,
@@ -36,7 +37,7 @@ AT_THE_TOP = {
     # missions and cells of campaigns
     "experiments/campaign/campaign.py": 1,
     "experiments/campaign/montecarlo.py": 4,
-    "experiments/study/measure.py": 1,
+    "experiments/study/measure.py": 2,
     # a scenario taken apart
     "sim/scenario/parts.py": 7,
     "experiments/studies/formation/findings.py": 1,
