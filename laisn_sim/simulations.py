@@ -5,7 +5,7 @@ mission, these give as arrays of all, and their vehicles move side by side.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -35,6 +35,7 @@ from sim.mission_group import MissionGroup
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import DivergedError, navigation_error
+from sim.vehicle.solvers import Engine
 
 Which = Sequence[int] | Sequence[bool] | Bools | Ints
 """Some of n missions: their indices, or n truth values."""
@@ -72,28 +73,13 @@ class VehicleTruths:
         return attitude.heading_pitch_roll(self.quaternion)[2]
 
 
-def _can_move_directly(motion: MotionSettings) -> bool:
-    """Whether each hull's own equations of motion hold for all hulls."""
-    return motion.kind == "physics" and not engine_errors(replace(motion, engine="direct"))
-
-
-def _load(
-    source: str | Path | Mapping[str, Any] | Scenario,
-    changes: Mapping[str, Any],
-    run_offset: int,
-) -> Scenario:
-    """A scenario of a later run, by each hull's own equations of motion if neither source nor
-    changes name a solver.
+def _engine_updates(motion: MotionSettings, named: Iterable[str]) -> dict[str, Engine]:
+    """Changes of a table `timing` in which these keys are named: each hull's own equations of
+    motion if no solver is and they hold.
     """
-    scenario = as_scenario(source, changes)
-    # one that was loaded of another names all keys
-    named = source if isinstance(source, Scenario) else scenario
-    updates: dict[str, Any] = {"run": scenario.run + run_offset}
-    names_engine = "engine" in named.timing.model_fields_set
-    names_engine |= not {"timing", "timing.engine"}.isdisjoint(changes)
-    if not names_engine and _can_move_directly(MotionSettings.of(scenario)):
-        updates["timing"] = scenario.timing.model_copy(update={"engine": "direct"})
-    return scenario.model_copy(update=updates)
+    if "engine" in named or motion.kind != "physics":
+        return {}
+    return {} if engine_errors(replace(motion, engine="direct")) else {"engine": "direct"}
 
 
 def _indices(which: Which | None, count: int) -> list[int]:
@@ -168,8 +154,18 @@ class Simulations(Sequence[Simulation]):
         with compiling_shown():
             for i, own in enumerate(tables):
                 all_changes = {**(changes or {}), **own}
-                run_offset = 0 if "run" in own else i
-                self._sims.append(Simulation(_load(source, all_changes, run_offset)))
+                scenario = as_scenario(source, all_changes)
+                # one that is loaded of another names all keys
+                named = set(
+                    (source if isinstance(source, Scenario) else scenario).timing.model_fields_set
+                )
+                named |= {key.removeprefix("timing.") for key in all_changes}
+                updates = _engine_updates(MotionSettings.of(scenario), named)
+                timing = scenario.timing.model_copy(update=updates)
+                run = scenario.run + (0 if "run" in own else i)
+                self._sims.append(
+                    Simulation(scenario.model_copy(update={"timing": timing, "run": run}))
+                )
         effectors = {
             tuple(zip(sim.names, map(len, sim.mission.plant.effector_names), strict=True))
             for sim in self._sims

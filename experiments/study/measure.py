@@ -243,6 +243,31 @@ def facts_of(motion: MotionSettings, trajectory: Trajectory) -> list[Record]:
 _COLUMNS_OF_ENDED = ("run", "touched", "ended")
 
 
+class _ClosedLoopRun(NamedTuple):
+    """A run of a closed loop before its flight, and what its results follow from."""
+
+    run: int
+    motion: MotionSettings
+    stride: int  # control instants of a filter step
+    message_every: int  # filter steps
+    mission: Mission
+
+
+def _set_out(runs: Sequence[tuple[Scenario, int]]) -> list[_ClosedLoopRun]:
+    """Runs of scenarios before their flights."""
+    scenarios = [scenario.model_copy(update={"run": run}) for scenario, run in runs]
+    return [
+        _ClosedLoopRun(
+            run=scenario.run,
+            motion=MotionSettings.of(scenario),
+            stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
+            message_every=scenario.message_every,
+            mission=closed_loop_mission(scenario, whole=False),
+        )
+        for scenario in scenarios
+    ]
+
+
 def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     """Simulates a run in closed loop; its results for each follower, by the names of a cell's lists
     and of `facts_of`.
@@ -250,62 +275,60 @@ def records_of_run(scenario: Scenario, run: int) -> list[Record]:
     A run that contact, the floor or a lost route ended has no other results than that: a mean over
     missions of unlike length would hide it. CampaignError: the simulation left finite numbers.
     """
-    scenario_of_run = scenario.model_copy(update={"run": run})
-    return _records_of_mission(scenario_of_run, closed_loop_mission(scenario_of_run, whole=False))
+    (alone,) = _set_out([(scenario, run)])
+    return _records(alone)
 
 
 def records_of_runs(runs: Sequence[tuple[Scenario, int]]) -> list[list[Record] | None]:
     """The same of up to eight runs, whose vehicles move side by side where they can, to the bit;
     None: one that fails, and tells why when it is flown alone.
     """
-    scenarios = [scenario.model_copy(update={"run": run}) for scenario, run in runs]
-    missions = [closed_loop_mission(scenario, whole=False) for scenario in scenarios]
+    together = _set_out(runs)
     results: list[list[Record] | None] = []
-    for scenario, mission, is_fit in zip(
-        scenarios, missions, fly_side_by_side(missions), strict=True
-    ):
+    fit = fly_side_by_side([run.mission for run in together])
+    for run, is_fit in zip(together, fit, strict=True):
         try:
-            results.append(_records_of_mission(scenario, mission) if is_fit else None)
+            results.append(_records(run) if is_fit else None)
         except (LaisnError, ArithmeticError):
             results.append(None)
     return results
 
 
-def _records_of_mission(scenario: Scenario, mission: Mission) -> list[Record]:
-    """Results of `records_of_run` of a mission that has not been flown, or to its end."""
-    stride = round(scenario.timing.filter_step_s / CONTROL_STEP_S)
+def _records(closed_loop: _ClosedLoopRun) -> list[Record]:
+    """Results of `records_of_run` of a run that has not been flown, or to its end."""
+    run, motion, stride, message_every, mission = closed_loop
     loop = cast(AnyClosedLoop, mission.controller)
     ended = False
     try:
-        trajectory = fly_mission(MotionSettings.of(scenario), mission)
+        trajectory = fly_mission(motion, mission)
         filter_steps = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :filter_steps, :2], 0, 1)
         gated = loop.gated.tolist()
     except DivergedError:
-        raise CampaignError(f"run {scenario.run}: {Termination.DIVERGED.value}") from None
+        raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None
     except EndedError as error:
         trajectory = error.trajectory
         ended = True
-        followers = len(scenario.followers)
+        followers = len(motion.plan.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(MotionSettings.of(scenario), trajectory)):
+    for i, facts in enumerate(facts_of(motion, trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position_error = metrics.position_errors(estimate, truth)
         bearing_error_deg = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
         locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
-            "run": scenario.run,
+            "run": run,
             "e_p_max_m": float(position_error.max()),
             "e_p_mean_m": float(position_error.mean()),
             "e_b_max_deg": float(bearing_error_deg.max()),
             "e_b_mean_deg": float(bearing_error_deg.mean()),
-            "mirror_locked": metrics.longest_mirror_lock(locked) >= scenario.message_every,
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,

