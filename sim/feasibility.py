@@ -681,7 +681,7 @@ def infeasibilities(scenario: Scenario) -> list[str]:
     problems = [
         *_errors_of(partial(Clock, scenario.epoch), "epoch"),
         *film_errors(scenario.duration_s, scenario.video),
-        *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves"),
+        *_errors_of(partial(sea_of_keys, scenario.ocean, scenario.seed), "ocean.waves.height_m"),
         *_navigator_errors(scenario.navigations(), of_leader),
         *_errors_of(partial(_require_readings, sensing_of, variants, of_leader), ""),
         *_cost_errors(motion),

@@ -100,7 +100,7 @@ class Waves:
         """
         omega = np.array([2 * np.pi / period_s])
         direction = np.array([direction_rad])
-        _require_unbroken("height_m", height_m, omega[0], floor_depth_m)
+        _require_unbroken(height_m, omega[0], floor_depth_m)
         return cls._of(
             np.array([height_m / 2]), omega, direction, np.array([float(phase_rad)]), floor_depth_m
         )
@@ -126,7 +126,7 @@ class Waves:
         of the peak's length and this height would break.
         """
         peak = 2 * np.pi / peak_period_s
-        _require_unbroken("significant_height_m", significant_height_m, peak, floor_depth_m)
+        _require_unbroken(significant_height_m, peak, floor_depth_m)
         edges, energy = _jonswap_bins(peakedness, n_components)
         omega = peak * rng.uniform(edges[:-1], edges[1:])
         amplitude = significant_height_m / 4 * np.sqrt(2 * energy)
@@ -151,14 +151,16 @@ def _jonswap_bins(peakedness: float, n: int) -> tuple[Floats, Floats]:
     return edges, np.diff(np.interp(edges, grid, energy))
 
 
-def _require_unbroken(name: str, height_m: float, omega: float, floor_depth_m: float) -> None:
+def _require_unbroken(height_m: float, omega: float, floor_depth_m: float) -> None:
     """Miche's limit of steepness, 0.142 tanh(k h) (Miche 1944)."""
     k = float(wavenumber(omega, floor_depth_m))
     highest = 0.142 * np.tanh(k * floor_depth_m) * 2 * np.pi / k
     if not 0 <= height_m <= highest:
+        # rounded down, so that the height that is named is one that may be given
         raise LaisnError(
-            f"{name}={height_m} must lie between 0 and {highest:.3g} m, where waves of this length "
-            "break"
+            f"expected 0 to {math.floor(1e3 * highest) / 1e3:g} m, above which waves of a period "
+            f"of {2 * np.pi / omega:.4g} s break on a floor {floor_depth_m:g} m deep "
+            f"(given: {height_m:g})"
         )
 
 

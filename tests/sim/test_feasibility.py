@@ -1,7 +1,9 @@
 """Accepted scenarios can be flown; others are refused at once with every error, on one screen."""
 
 import json
+import math
 import os
+import re
 import tempfile
 import time
 from pathlib import Path
@@ -257,7 +259,7 @@ def test_all_contradictions_and_infeasible_settings_are_reported_at_once() -> No
         "navigation.use_attitude needs leader.broadcast_attitude",
         "navigation.transmitters_m has 2 places, the navigator uses 3 transmitters",
         "epoch 1960",
-        "ocean.waves: height_m=19.0",
+        "ocean.waves.height_m: expected 0 to ",
         "followers[0].route: unknown route 'T1'",
         "followers[1].waypoints: route 'follower-2', waypoint 2: 5.22 m/s",
     ]
@@ -332,3 +334,22 @@ def test_a_day_of_one_follower_is_accepted_and_of_fifty_is_not() -> None:
         ScenarioError, match=r"would take 48.5 GB of memory; so many vehicles may fly 4118 s"
     ):
         scenario_file.validate(swarm, "a.toml", feasibility.infeasibilities)
+
+
+@pytest.mark.parametrize("kind", ["regular", "jonswap"])
+def test_waves_that_would_break_are_refused_by_their_key(kind: str) -> None:
+    """Miche's limit in deep water is 0.142 g T² / 2π; what is named as the highest may be given."""
+    highest = 0.142 * 9.81 * 3.0**2 / (2.0 * math.pi)
+
+    def waves_of(height: float) -> dict[str, Any]:
+        waves = {"kind": kind, "period_s": 3.0, "height_m": height}
+        return {"followers": [{"route": "T5"}], "ocean": {"waves": waves}}
+
+    with pytest.raises(ScenarioError) as raised:
+        scenario_file.validate(waves_of(4.0), "waves.toml", feasibility.infeasibilities)
+    (line,) = str(raised.value).split("\n")[1:]
+    named = re.search(r"ocean\.waves\.height_m: expected 0 to (\S+) m", line)
+    assert named is not None
+    assert highest - 0.001 <= float(named[1]) <= highest
+    assert line.endswith("(given: 4)")
+    scenario_file.validate(waves_of(float(named[1])), "waves.toml", feasibility.infeasibilities)
