@@ -47,6 +47,7 @@ from sim.scenario.parts import (
 from sim.scenario.point_motion import Plan
 from sim.scenario.point_motion import plan as planned_motion
 from sim.scenario.routes import Route
+from sim.scenario.section import Idle, Section
 from sim.scenario.settings import (
     CONTROL_STEP_S,
     Follower,
@@ -554,6 +555,32 @@ def effect_cautions(motion: MotionSettings) -> list[str]:
     return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 
+def _idle_keys(section: Section, path: str = "") -> list[str]:
+    """Lines that name keys of a table, and of the tables in it, that are set and have no effect by
+    the value of another key; `path` is the table's own, up to the dot.
+    """
+    fields = type(section).model_fields
+    keys_by_switch: dict[str, list[str]] = {}
+    for key in section.changed_keys():
+        for idle in fields[key].metadata:
+            if isinstance(idle, Idle) and getattr(section, idle.key) in idle.at:
+                keys_by_switch.setdefault(idle.key, []).append(f"{path}{key}")
+    lines = []
+    for switch, keys in keys_by_switch.items():
+        value = getattr(section, switch)
+        text = repr(value) if isinstance(value, str) else f"{value:g}"
+        lines.append(f"without effect: {', '.join(keys)}, as {path}{switch} = {text}")
+    for key in fields:
+        value = getattr(section, key)
+        tables = {f"{path}{key}": value}
+        if isinstance(value, tuple):
+            tables = {f"{path}{key}[{i}]": table for i, table in enumerate(value)}
+        for name, table in tables.items():
+            if isinstance(table, Section):
+                lines += _idle_keys(table, f"{name}.")
+    return lines
+
+
 def _unused_links(links: Sequence[LinkTable], navigations: Sequence[Navigation]) -> list[str]:
     """A line for each link that nobody navigates on."""
     used = {
@@ -570,7 +597,7 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
-    remarks = effect_cautions(MotionSettings.of(scenario))
+    remarks = [*effect_cautions(MotionSettings.of(scenario)), *_idle_keys(scenario)]
     if not scenario.keys_needing_closed_loop():
         # nobody steers by what is received
         navigations = [navigation for _, navigation in scenario.navigations()]

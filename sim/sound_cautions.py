@@ -43,7 +43,14 @@ def ray_cautions(sound: SoundSettings, assumed: str) -> list[str]:
     """
     rays = _rays(sound)
     if rays is None:
-        return []
+        return (
+            []
+            if sound.acoustics.rays == "straight"
+            else [
+                f"without effect: acoustics.rays = {sound.acoustics.rays!r}, as the speed of sound "
+                "is the same at all depths"
+            ]
+        )
     plan = sound.sea.plan
     leader, *followers = planned_places(plan)
     instants = np.linspace(0, len(leader) - 1, _INSTANTS).astype(int)

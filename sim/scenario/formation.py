@@ -10,7 +10,15 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from sim.scenario.section import CONTROL_STEP_S, NonNegative, Positive, Section, Speed, is_multiple
+from sim.scenario.section import (
+    CONTROL_STEP_S,
+    Idle,
+    NonNegative,
+    Positive,
+    Section,
+    Speed,
+    is_multiple,
+)
 
 MAX_FOLLOWERS = 200
 """Followers of a mission. Each is checked beside all others, and its log and report hold them."""
@@ -179,8 +187,8 @@ class Formation(Section):
     lookahead_m: Annotated[float, Field(ge=0.5, le=100)] = Field(
         5.0, description="Δ: below this distance to the station, the approach slows down"
     )
-    integral_m_s: Annotated[float, Field(ge=0, le=2)] = Field(
-        0.2, description="σ of ilos; γ Δ² of alos"
+    integral_m_s: Annotated[float, Field(ge=0, le=2), Idle(key="law", at=("constant-bearing",))] = (
+        Field(0.2, description="σ of ilos; γ Δ² of alos")
     )
     min_along_track_speed_m_s: Speed = Field(
         0.2, description="through water, along the leader's way"

@@ -65,6 +65,16 @@ class PerRun:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Idle:
+    """In the annotation of a key: it has no effect where another key of its table, `key`, has one
+    of the values `at`.
+    """
+
+    key: str
+    at: tuple[float | str, ...] = (0.0,)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Because:
     """In the annotation of a key: why its bounds are what they are, for messages."""
 

@@ -11,6 +11,7 @@ from sim.scenario.section import (
     SENSOR_CLASS,
     Angle,
     Chance,
+    Idle,
     NonNegative,
     PerRun,
     Positive,
@@ -25,6 +26,8 @@ HeadingBias = Annotated[float, Field(ge=-180, le=180), PerRun]
 Sigma = Annotated[NonNegative, PerRun]
 LossProbability = Annotated[Chance, PerRun]
 _RangeError = Annotated[float, Field(ge=0, le=100)]
+_OF_BURSTS = Idle(key="burst_probability")
+_OF_LEVELS = Idle(key="source_level_db")
 
 
 class OwnSensors(Section):
@@ -46,10 +49,10 @@ class OwnSensors(Section):
         0.0, description="amplitude of a sinusoidal drift of the heading bias"
     )
     drift_period_s: Positive = 400.0
-    speed_drift_phase_deg: Angle = Field(
+    speed_drift_phase_deg: Annotated[Angle, Idle(key="speed_drift_m_s")] = Field(
         0.0, description="at the start; each further follower adds 137.5°"
     )
-    heading_drift_phase_deg: Angle = Field(
+    heading_drift_phase_deg: Annotated[Angle, Idle(key="heading_drift_deg")] = Field(
         0.0, description="at the start; each further follower adds 137.5°"
     )
     gyro_sigma_deg_s: Sigma = Field(0.1, description="for followers on stations")
@@ -81,7 +84,9 @@ class Sensors(OwnSensors):
     leader_heading_sigma_deg: Sigma = Field(0.0, description="one-sided, as heading_sigma_deg")
     leader_depth_sigma_m: Sigma = 0.0
     leader_position_drift_m_s: NonNegative = 0.0
-    leader_position_drift_deg: Angle = Field(0.0, description="its compass direction")
+    leader_position_drift_deg: Annotated[Angle, Idle(key="leader_position_drift_m_s")] = Field(
+        0.0, description="its compass direction"
+    )
     leader_position_sigma_m: Sigma = Field(
         0.0, description="of the broadcast position along each axis, anew in each message"
     )
@@ -98,7 +103,9 @@ class Sensors(OwnSensors):
     leader_gyro_time_constant_s: Annotated[float, Field(ge=0, le=1000)] = Field(
         0.0, description="of the complementary filter of gyros and inclinometer; 0: no gyros"
     )
-    leader_gyro_random_walk_deg_sqrt_h: Sigma = 0.3
+    leader_gyro_random_walk_deg_sqrt_h: Annotated[
+        Sigma, Idle(key="leader_gyro_time_constant_s")
+    ] = 0.3
 
 
 LEADER_PREFIX = "leader_"
@@ -193,13 +200,15 @@ class Acoustics(Section):
     burst_probability: LossProbability = Field(
         0.0, description="per message, that a burst of losses starts"
     )
-    burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun] = 5.0
-    burst_loss_probability: LossProbability = Field(1.0, description="of a message within a burst")
+    burst_mean_messages: Annotated[float, Field(ge=1, le=10000), PerRun, _OF_BURSTS] = 5.0
+    burst_loss_probability: Annotated[LossProbability, _OF_BURSTS] = Field(
+        1.0, description="of a message within a burst"
+    )
     max_range_m: NonNegative = Field(0.0, description="of reception; 0: no limit")
     message_length_s: Annotated[float, Field(ge=0, le=10)] = Field(
         0.0, description="duration of a message; it is received when its end has arrived"
     )
-    ranging_pulse: Literal["start", "end"] = Field(
+    ranging_pulse: Annotated[Literal["start", "end"], Idle(key="message_length_s")] = Field(
         "start", description="pings at the start of a message, or when it ends"
     )
     source_level_db: Annotated[float, Field(ge=0, le=250)] = Field(
@@ -207,25 +216,27 @@ class Acoustics(Section):
         description="re 1 µPa at 1 m; with it the range decides on what is heard, beside "
         "loss_probability; 0: it does not",
     )
-    frequency_khz: Annotated[float, Field(ge=1, le=200)] = 25.0
-    bandwidth_khz: Annotated[float, Field(gt=0, le=100)] = 5.0
-    spreading: Annotated[float, Field(ge=1, le=2)] = Field(
+    frequency_khz: Annotated[float, Field(ge=1, le=200), _OF_LEVELS] = 25.0
+    bandwidth_khz: Annotated[float, Field(gt=0, le=100), _OF_LEVELS] = 5.0
+    spreading: Annotated[float, Field(ge=1, le=2), _OF_LEVELS] = Field(
         1.5, description="k of the loss k · 10 log r; 2: spherical, 1: cylindrical"
     )
-    detection_threshold_db: Annotated[float, Field(ge=-50, le=50)] = Field(
+    detection_threshold_db: Annotated[float, Field(ge=-50, le=50), _OF_LEVELS] = Field(
         10.0, description="level over the noise at which half of the messages are heard"
     )
-    level_sigma_db: Annotated[float, Field(ge=0, le=20)] = Field(
+    level_sigma_db: Annotated[float, Field(ge=0, le=20), _OF_LEVELS] = Field(
         3.0, description="scatter of levels from message to message"
     )
-    wind_m_s: Annotated[float, Field(ge=0, le=40)] = Field(5.0, description="for ambient noise")
-    shipping: Annotated[float, Field(ge=0, le=1)] = Field(
+    wind_m_s: Annotated[float, Field(ge=0, le=40), _OF_LEVELS] = Field(
+        5.0, description="for ambient noise"
+    )
+    shipping: Annotated[float, Field(ge=0, le=1), _OF_LEVELS] = Field(
         0.5, description="ships, from 0 (none) to 1 (heavy traffic), for ambient noise"
     )
-    water_temperature_c: Annotated[float, Field(ge=-2, le=35)] = Field(
+    water_temperature_c: Annotated[float, Field(ge=-2, le=35), _OF_LEVELS] = Field(
         10.0, description="for absorption"
     )
-    salinity: Annotated[float, Field(ge=0, le=42)] = Field(
+    salinity: Annotated[float, Field(ge=0, le=42), _OF_LEVELS] = Field(
         35.0, description="for absorption [g/kg]"
     )
 

@@ -43,6 +43,7 @@ from sim.scenario.section import (
     LIST_OR_TUPLE,
     MAX_POINTS,
     Angle,
+    Idle,
     Name,
     NonNegative,
     Positive,
@@ -61,20 +62,30 @@ CurrentSpeed = Annotated[float, Field(ge=0, le=FASTEST_CURRENT_M_S)]
 TimedCurrent = Annotated[tuple[NonNegative, CurrentSpeed, Angle], LIST_OR_TUPLE]
 
 
+_OF_WAVES = Idle(key="kind", at=("none",))
+_OF_JONSWAP = Idle(key="kind", at=("none", "regular"))
+
+
 class WavesTable(Section):
     """Surface waves (linear)."""
 
     kind: Literal["none", "regular", "jonswap"] = "none"
-    height_m: float = Field(
-        0.5, ge=0, le=20, description="height H of regular waves, significant height Hs of JONSWAP"
+    height_m: Annotated[float, Field(ge=0, le=20), _OF_WAVES] = Field(
+        0.5, description="height H of regular waves, significant height Hs of JONSWAP"
     )
-    period_s: Annotated[float, Field(gt=0.5, le=30)] = Field(
+    period_s: Annotated[float, Field(gt=0.5, le=30), _OF_WAVES] = Field(
         4.0, description="period T, or peak period Tp"
     )
-    direction_deg: Angle = Field(90.0, description="compass direction towards which they run")
-    peak_enhancement: Annotated[float, Field(ge=1, le=10)] = Field(3.3, description="γ of JONSWAP")
-    components: Annotated[int, Field(ge=1, le=200)] = Field(100, description="of JONSWAP")
-    spreading_deg: Annotated[float, Field(ge=0, le=60)] = Field(
+    direction_deg: Annotated[Angle, _OF_WAVES] = Field(
+        90.0, description="compass direction towards which they run"
+    )
+    peak_enhancement: Annotated[float, Field(ge=1, le=10), _OF_JONSWAP] = Field(
+        3.3, description="γ of JONSWAP"
+    )
+    components: Annotated[int, Field(ge=1, le=200), _OF_JONSWAP] = Field(
+        100, description="of JONSWAP"
+    )
+    spreading_deg: Annotated[float, Field(ge=0, le=60), _OF_JONSWAP] = Field(
         0.0, description="σ of JONSWAP directions"
     )
 

@@ -17,6 +17,7 @@ from sim.scenario.section import (
     MAX_POINTS,
     Because,
     Coordinate,
+    Idle,
     Name,
     NonNegative,
     Positive,
@@ -82,7 +83,7 @@ class Vehicle(Section):
         )
     )
     saw_tooth_amplitude_m: NonNegative = Field(0.0, description="about the depth")
-    saw_tooth_period_s: Positive = 120.0
+    saw_tooth_period_s: Annotated[Positive, Idle(key="saw_tooth_amplitude_m")] = 120.0
     trim: Literal["file", "neutral"] = Field(
         "file",
         description="buoyancy of the hull's file in the density of the water, or equal to the "

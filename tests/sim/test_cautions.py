@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from experiments.flight.fly import fly
-from experiments.flight.library import as_scenario
+from experiments.flight.library import as_scenario, scenario_names
 from laisn_sim.cli.main import app
 from sim.cautions import RULES, Navigated, clock_error_s, echo_excess_m, max_range_rate
 from sim.feasibility import cautions, effect_cautions
@@ -412,3 +412,60 @@ def test_every_key_of_a_rule_exists_and_the_command_prints_cautions_first() -> N
     assert result.output.startswith("warning: the clocks differ by up to 1 ms")
     arguments_without_caution = ["check", "T5", "--set", "acoustics.clock_offset_s=1e-5"]
     assert "warning" not in CliRunner().invoke(app, arguments_without_caution).output
+
+
+IDLE_KEYS: dict[str, dict[str, Any]] = {
+    "ocean.waves.kind = 'none'": {"ocean.waves.height_m": 2.0, "ocean.waves.components": 50},
+    "ocean.waves.kind = 'regular'": {
+        "ocean.waves.spreading_deg": 20.0,
+        "ocean.waves.kind": "regular",
+    },
+    "acoustics.source_level_db = 0": {
+        "acoustics.frequency_khz": 12.0,
+        "acoustics.wind_m_s": 12.0,
+    },
+    "acoustics.burst_probability = 0": {"acoustics.burst_mean_messages": 9.0},
+    "acoustics.message_length_s = 0": {"acoustics.ranging_pulse": "end"},
+    "leader.saw_tooth_amplitude_m = 0": {"leader.saw_tooth_period_s": 60.0},
+    "followers[0].saw_tooth_amplitude_m = 0": {"followers.0.saw_tooth_period_s": 60.0},
+    "sensors.speed_drift_m_s = 0": {"sensors.speed_drift_phase_deg": 90.0},
+    "sensors.leader_gyro_time_constant_s = 0": {"sensors.leader_gyro_random_walk_deg_sqrt_h": 1.0},
+    "formation.law = 'constant-bearing'": {"formation.integral_m_s": 0.5},
+}
+"""Keys without effect, by what keeps them from having one."""
+
+
+@pytest.mark.parametrize("reason", IDLE_KEYS)
+def test_keys_that_another_key_turns_off_change_nothing_and_are_named(reason: str) -> None:
+    """A flight with them measures to the bit what it measures without them."""
+    changes = IDLE_KEYS[reason]
+    switch, _, value = reason.partition(" = ")
+    on_kind = {key: text for key, text in changes.items() if key == switch}
+    set_keys = [key.replace("followers.0", "followers[0]") for key in changes if key not in on_kind]
+    motion = {"motion": "physics", "duration_s": 5.0}
+    assert cautions(scenario_of({**motion, **changes})) == [
+        f"without effect: {', '.join(set_keys)}, as {switch} = {value}"
+    ]
+    assert cautions(scenario_of({**motion, **on_kind})) == []
+    with_keys, without_keys = (fly_with({**motion, **keys}) for keys in (changes, on_kind))
+    for name in ("speed", "heading", "depth", "ranges"):
+        np.testing.assert_array_equal(
+            getattr(with_keys.measurements[0], name), getattr(without_keys.measurements[0], name)
+        )
+
+
+def test_rays_that_are_asked_to_bend_where_nothing_bends_them_are_named() -> None:
+    refracted = {"acoustics.rays": "refracted"}
+    line = "without effect: acoustics.rays = 'refracted', as the speed of sound is the same at all"
+    (caution,) = cautions(scenario_of(refracted))
+    assert caution == f"{line} depths"
+    level = {**refracted, "acoustics.sound_speed_profile": [[0.0, 1500.0], [30.0, 1500.0]]}
+    assert cautions(scenario_of(level)) == [caution]
+    bent = {**refracted, "acoustics.sound_speed_profile": [[0.0, 1500.0], [30.0, 1499.0]]}
+    assert cautions(scenario_of(bent)) == []
+
+
+def test_no_built_in_scenario_has_keys_without_effect() -> None:
+    for name in scenario_names():
+        lines = cautions(as_scenario(name))
+        assert not [line for line in lines if line.startswith("without effect")], name
