@@ -41,6 +41,15 @@ def log_in(source: Path) -> Path:
     return log
 
 
+def title_of(file: Path) -> str:
+    """What a log or a page is called in the names of what is made of it: a file that is named as in
+    the results folder of each flight or study after that folder, another one by its own name
+    without its ending.
+    """
+    folder = file.parent.resolve().name
+    return folder if folder and file.name in (LOG, REPORT) else file.stem
+
+
 def require_safe(
     folder: Path, source: Path | None = None, flown_text: Callable[[], str] = str
 ) -> None:

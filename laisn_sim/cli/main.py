@@ -358,7 +358,8 @@ def view(
     log: LogArgument,
     _plugin: studies.PluginOption = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="the page (default: out/view/LOG.html)")
+        Path | None,
+        typer.Option(metavar="FILE.html", help="the page (default: out/view/NAME.html)"),
     ] = None,
     browser: Annotated[
         bool, typer.Option("--open/--no-open", help="open the page in the browser")
@@ -428,6 +429,7 @@ def log_export(
     """Export every numeric channel as a table, or a flight as a recording for Rerun, as factor
     graphs, as a ROS 2 bag, as trajectories for evo, or as an animated scene.
     """
+    from experiments.flight.folder import title_of
     from laisn_sim.cli.outputs import written_files
     from sim.log.export import export, write_recording
 
@@ -437,7 +439,8 @@ def log_export(
         raise LaisnError(f"{' and '.join(formats)}: expected one of them at a time")
     if f"--{format_}" in options:
         raise LaisnError(f"--format {format_}: tables are parquet or csv; write --{format_}")
-    folder = out or Path("out") / "export" / (f"{log.stem}-ros2" if ros2 else log.stem)
+    name = title_of(log)
+    folder = out or Path("out") / "export" / (f"{name}-ros2" if ros2 else name)
     existing = [*folder.glob("*")] if folder.is_dir() else []
     if pyfg:
         from laisn_sim.cli.replaying import export_factor_graphs

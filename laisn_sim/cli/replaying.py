@@ -17,6 +17,7 @@ from rich.console import Console
 from experiments.campaign.progress import literal, print_line, show_table
 from experiments.campaign.store import write_csv
 from experiments.flight.fly import navigate_again
+from experiments.flight.folder import title_of
 from experiments.flight.library import load_scenario
 from experiments.flight.results import log_flight
 from laisn.arrays import Floats
@@ -184,7 +185,7 @@ def _write_replay(
             ],
         )
         print_line(console, output)
-    page = output_file(Path("out") / "replay" / f"{log.stem}.html", [".html"])
+    page = output_file(Path("out") / "replay" / f"{title_of(log)}.html", [".html"])
     write_replay_page(vehicles, log, navigator, remarks, page.path)
     print_line(console, f"report in {page}")
 

@@ -16,13 +16,14 @@ def write_page(log: Path, out: Path | None) -> OutputFile:
     """Write the report of a log's flight; LaisnError if the log cannot be read, or there is no such
     page to write.
     """
+    from experiments.flight.folder import title_of
     from reports.bound import flight_bounds
     from reports.flight_report import flight_report
     from reports.summary import summarise
     from sim.flight import position_and_bearing_errors
     from sim.log.reader import read
 
-    page = output_file(out or Path("out") / "view" / f"{log.stem}.html", [".html"], [log])
+    page = output_file(out or Path("out") / "view" / f"{title_of(log)}.html", [".html"], [log])
     flight = read(log)
     bounds = flight_bounds(flight)
     errors = position_and_bearing_errors(flight)
@@ -52,6 +53,7 @@ def figure(
     from rich.console import Console
 
     from experiments.campaign.progress import show_table
+    from experiments.flight.folder import title_of
     from reports import vector
 
     figures = vector.figures_of(page)
@@ -60,7 +62,7 @@ def figure(
         show_table(Console(), ("figure", "axes"), rows, numbers=False)
         return
     selection = vector.chosen(figures, names)
-    name = page.resolve().name if page.is_dir() else page.stem
+    name = page.resolve().name if page.is_dir() else title_of(page)
     folder = out or Path("out") / "figures" / name
     existing = [*folder.glob("*")] if folder.is_dir() else []
     for file in written_files(vector.write_figures(selection, folder, format_, width), existing):

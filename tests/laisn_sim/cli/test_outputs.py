@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from experiments.campaign.store import columns_of, write_table
 from experiments.flight import results
+from experiments.flight.folder import LOG, REPORT, title_of
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn_sim.cli.main import app
 from laisn_sim.cli.outputs import REPLACED
@@ -168,3 +169,27 @@ def test_studies_without_a_common_point_are_refused(
         in without_common_point.output
     )
     assert not Path("out/compare/a-c.html").exists()
+
+
+def test_what_is_made_of_two_flights_has_two_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each flight's log is FOLDER/flight.mcap: its tables, pages and figures are named after the
+    folder.
+    """
+    monkeypatch.chdir(tmp_path)
+    for name in ("first", "second"):
+        Path(name).mkdir()
+        writer.write(make_flight(10.0), Path(name) / LOG)
+        assert title_of(Path(name) / LOG) == title_of(Path(name) / REPORT) == name
+        for words in (f"view {name} --no-open", f"log export {name}/{LOG}", f"replay {name}"):
+            result = CliRunner().invoke(app, words.split(), env={"COLUMNS": "300"})
+            assert result.exit_code == 0, result.output
+            assert REPLACED not in result.output
+    monkeypatch.chdir(tmp_path / "first")
+    assert title_of(Path(LOG)) == "first"
+    monkeypatch.chdir(tmp_path)
+    assert title_of(Path("first/other.mcap")) == "other"
+    made = ("view/{}.html", "export/{}/leader_state.parquet")
+    for name in ("first", "second"):
+        assert all((Path("out") / file.format(name)).is_file() for file in made)
