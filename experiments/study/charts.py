@@ -24,7 +24,7 @@ from reports.tables import Table
 MAX_PANELS = 12
 MAX_LINES = len(SERIES)
 _MAX_TICKS = 8
-_MAX_WRITTEN_COLUMNS = 12  # of a map; cells of more are too narrow for numbers
+_MAX_WRITTEN = 40  # characters across a map; cells of more are too narrow for their numbers
 _MAX_BARS = 200  # points of a panel beyond which intervals would hide them
 
 
@@ -334,7 +334,8 @@ def _heat_panel(
         for i, cells in enumerate(texts)
     ]
     trace = {**scale, "z": [rounded_numbers(cells) for cells in values], "hovertext": hover}
-    if len(x_labels) <= _MAX_WRITTEN_COLUMNS:
+    longest = max((len(cell) for cells in texts for cell in cells), default=0)
+    if longest * len(x_labels) <= _MAX_WRITTEN:
         trace |= {"text": texts, "texttemplate": "%{text}"}
     return panel(
         [],

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.campaign.store import Record, read_table
 from experiments.flight.folder import LOG
-from experiments.study.estimate import interval_text, over_runs, verdict_of
+from experiments.study.estimate import interval_text, over_runs, verdict_of, verdicts_text
 from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
@@ -259,7 +259,13 @@ def page_of(sources: Sequence[str]) -> Page:
         values = _studies(names, paths)
     else:
         values = _flights(names, [read(log) for log in logs])
-    tools = {"words": words, "number": number, "shown": interval_text, "shortened": shortened}
+    tools = {
+        "words": words,
+        "number": number,
+        "shown": interval_text,
+        "shortened": shortened,
+        "verdicts_text": verdicts_text,
+    }
     facts = [("repeat it", f"laisn compare {' '.join(sources)}")]
     values |= {"names": names, **tools}
     return pages.page_of("experiments.study", facts, values, name="compare.md.j2")

@@ -7,6 +7,7 @@ by run.
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -40,6 +41,7 @@ class Condition(NamedTuple):
 
 NOTHING = Interval(math.nan, math.nan, math.nan)
 INTERACTIONS = "interactions"
+VERDICTS = ("lower", "higher", "undecided", "same")
 _RESAMPLES = 1000
 _MAX_VALUES = 5_000_000
 """Bound on the values that are resampled: designs of many places have fewer resamples, at least
@@ -78,6 +80,20 @@ def verdict_of(difference: Interval, value: float, base: float) -> str:
     if not decided:
         return "undecided"
     return "lower" if difference.value < 0 else "higher"
+
+
+def verdicts_text(counts: Counter[str]) -> str:
+    """At how many places each verdict is given, in words: "lower at 2, undecided at 1"; of a single
+    place its verdict alone.
+    """
+    given = [
+        ("the same" if verdict == "same" else verdict, counts[verdict])
+        for verdict in VERDICTS
+        if counts[verdict]
+    ]
+    if counts.total() == 1:
+        return given[0][0]
+    return ", ".join(f"{text} at {count}" for text, count in given)
 
 
 def _quantile(number: float) -> float:

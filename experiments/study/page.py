@@ -20,6 +20,7 @@ from experiments.study.estimate import (
     interval_text,
     main_effects,
     verdict_of,
+    verdicts_text,
 )
 from experiments.study.file import METRIC, Arm, Study
 from experiments.study.measure import METRICS, Metric
@@ -202,10 +203,10 @@ class StudyPage:
             remark = f"{100 * effect.value:.0f} % of the variance between places"
             tiles.append(Tile(name="what decides", value=words_of_factor, remark=remark))
         for arm, counts in list(self.verdict_counts.items())[:_MAX_ARMS]:
-            decided = f"lower at {counts['lower']}, higher at {counts['higher']}"
-            total = sum(counts.values())
-            remark = f"of {total} places, against {self.plan.arms[0]}"
-            tiles.append(Tile(name=arm, value=decided, remark=remark))
+            total = counts.total()
+            remark = f"of {total} places, " if total > 1 else ""
+            remark += f"against {self.plan.arms[0]}"
+            tiles.append(Tile(name=arm, value=verdicts_text(counts), remark=remark))
         return tiles
 
     @property
@@ -275,10 +276,17 @@ class StudyPage:
         """Why there are no intervals, or wide ones."""
         file = self.study.file
         notes = []
-        if file.realizations == 1 and self.study.runs < FEWEST_RUNS:
+        # findings of a built-in study, or `runs.until`, may have flown more runs than the file asks
+        # for, and an arm with `every` has fewer
+        runs = [sum(len(lists["run"]) for lists in of) for of in self.results.runs.values()]
+        few = sorted({number for number in runs if number < FEWEST_RUNS})
+        if file.realizations == 1 and few:
+            count = sum(number < FEWEST_RUNS for number in runs)
+            where = "" if count == len(runs) else f" at {count} of {len(runs)} places"
+            numbers = " or ".join(map(str, few)) if len(few) < 3 else f"{few[0]} to {few[-1]}"
             notes.append(
-                f"no intervals and no verdicts: they need {FEWEST_RUNS} runs of a realization, "
-                f"there are {self.study.runs}"
+                f"no intervals and no verdicts{where}: they need {FEWEST_RUNS} runs of a "
+                f"realization, there are {numbers}"
             )
         until = self.study.until
         half_width = largest_half_width(self.results, until.metric) if until else 0.0
@@ -329,13 +337,14 @@ class StudyPage:
 
     @property
     def verdict_counts(self) -> dict[str, Counter[str]]:
-        """How often each verdict is that of an arm."""
-        return {
+        """How often each verdict is that of an arm, of those that have any."""
+        counts = {
             arm: Counter(
                 verdict for condition, verdict in self.verdicts.items() if condition.arm == arm
             )
             for arm in self.plan.arms[1:]
         }
+        return {arm: of_arm for arm, of_arm in counts.items() if of_arm}
 
     @cached_property
     def effects(self) -> dict[str, Interval]:
@@ -457,6 +466,7 @@ _FORMATS: dict[str, Any] = {
     "charts": charts,
     "metrics": METRICS,
     "words": words,
+    "verdicts_text": verdicts_text,
     "many": many,
     "cell": _cell,
     "factor_cell": _factor_cell,

@@ -4,6 +4,7 @@ hand.
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,14 @@ from experiments.study import charts
 from experiments.study.estimate import Condition, Results, interval_text
 from experiments.study.file import study_from_table
 from experiments.study.measure import METRICS
-from experiments.study.page import answer, commands, page_of, worst_and_median_run, worst_run
+from experiments.study.page import (
+    StudyPage,
+    answer,
+    commands,
+    page_of,
+    worst_and_median_run,
+    worst_run,
+)
 from experiments.study.plan import StudyPlan, plan_of
 from experiments.study.run import _row_and_lists, largest_half_width
 from experiments.study.study import findings_of
@@ -106,11 +114,14 @@ def test_the_answer_names_the_best_the_worst_and_which_arm_wins_where(
     html = render(page)
     assert html.index('class="question"') < html.index('class="summary"')
     assert "14" not in printed
-    assert printed.endswith("aware against plain: lower at 1, higher at 1, undecided at 1 places.")
+    assert printed.endswith(
+        "aware against plain: lower at 1, higher at 1, undecided at 1 of 3 places."
+    )
     lowest, highest, arm = page.tiles
     assert (lowest.value, highest.value) == (best, worst)
     assert (lowest.name, arm.name) == ("lowest mean E_P", "aware")
-    assert (arm.value, arm.remark) == ("lower at 1, higher at 1", "of 3 places, against plain")
+    decided = "lower at 1, higher at 1, undecided at 1"
+    assert (arm.value, arm.remark) == (decided, "of 3 places, against plain")
 
 
 def test_the_terminal_has_the_answer_as_a_small_table(plan: StudyPlan, results: Results) -> None:
@@ -232,7 +243,54 @@ def test_a_condition_whose_interval_contains_zero_is_undecided(plan: StudyPlan) 
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     printed = page_of(plan, Results.of(rows, runs), {}).summary
-    assert printed.endswith("aware against plain: lower at 0, higher at 0, undecided at 3 places.")
+    assert printed.endswith("aware against plain: undecided at 3 of 3 places.")
+
+
+def results_of(runs_of: Mapping[tuple[int, str], int]) -> Results:
+    """Numbers of runs by point and arm; those of an arm other than the first are 1 m longer."""
+    rows, runs = [], []
+    for (point, arm), count in runs_of.items():
+        row = {"point": point, "arm": arm, "follower": "follower", "realization": 0, "seed": 1}
+        values = 2.0 + 0.1 * SCATTER[6, :count] + (arm == "aware")
+        rows.append(row | {"e_p_mean_m": float(values.mean())})
+        runs.append((row, {"run": [*range(count)], "e_p_mean_m": values.tolist()}))
+    return Results.of(rows, runs)
+
+
+def test_of_a_single_place_the_verdict_alone_is_told() -> None:
+    table = {"scenario": "T5", "runs": RUNS, "arm": [{"name": "plain"}, {"name": "aware"}]}
+    one_place = plan_of(study_from_table(table, "one.toml", "one"))
+    page = page_of(one_place, results_of({(0, "plain"): RUNS, (0, "aware"): RUNS}), {})
+    assert page.summary.endswith("aware against plain: higher.")
+    *_, arm = page.tiles
+    assert (arm.value, arm.remark) == ("higher", "against plain")
+
+
+@pytest.mark.parametrize(
+    ("few", "count", "note"),
+    [
+        ([], 8, ""),
+        ([(2, "aware")], 8, " at 1 of 6 places: they need 20 runs of a realization, there are 8"),
+        ([*MEANS], 19, ": they need 20 runs of a realization, there are 19"),
+    ],
+)
+def test_intervals_are_said_to_be_missing_where_too_few_runs_were_flown(
+    few: list[tuple[int, str]], count: int, note: str
+) -> None:
+    """Whatever number the file asks for, as `further_runs` and `every` fly others."""
+    table = {
+        "scenario": "T5",
+        "runs": 8,
+        "vary": {"followers.0.depth_m": [10.0, 12.0, 14.0]},
+        "arm": [{"name": "plain"}, {"name": "aware"}],
+    }
+    asks_for_few = plan_of(study_from_table(table, "mine.toml", "mine"))
+    flown = results_of({place: count if place in few else RUNS for place in MEANS})
+    page = StudyPage(plan=asks_for_few, results=flown, failures={})
+    assert page.interval_notes == ([f"no intervals and no verdicts{note}"] if note else [])
+    for place in MEANS:
+        has_limits = not math.isnan(page.estimates[condition(*place)].low)
+        assert has_limits == (place not in few)
 
 
 def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> None:
@@ -244,9 +302,7 @@ def test_a_difference_that_no_shown_digit_has_is_not_marked(plan: StudyPlan) -> 
         rows.append(row | {"e_p_mean_m": float(values.mean())})
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     page = page_of(plan, Results.of(rows, runs), {})
-    assert page.summary.endswith(
-        "aware against plain: lower at 0, higher at 0, undecided at 0, the same at 3 places."
-    )
+    assert page.summary.endswith("aware against plain: the same at 3 of 3 places.")
     (table,) = (block for block in page.sections[0].blocks if isinstance(block, PageTable))
     assert [(row[-1].text, row[-1].tone) for row in table.rows] == [("", ""), ("same", "")] * 3
 
@@ -532,6 +588,32 @@ def test_maps_of_arms_have_one_scale() -> None:
         Figure(light(panel.figure))
 
 
+@pytest.mark.parametrize(
+    ("columns", "value", "is_written"),
+    [(10, 12.3, True), (11, 12.3, False), (5, 0.000674, True), (6, 0.000674, False)],
+)
+def test_maps_hold_numbers_where_all_of_a_row_fit(
+    columns: int, value: float, is_written: bool
+) -> None:
+    """40 characters fit across a map: ten of 12.3, five of 0.000674."""
+    depths = [10.0 + k for k in range(columns)]
+    table = {"scenario": "T5", "vary": {"followers.0.depth_m": depths, "leader.depth_m": [6, 8]}}
+    plan = plan_of(study_from_table(table, "maps", "maps"))
+    rows = [
+        {
+            "point": i,
+            "arm": plan.arms[0],
+            "follower": "follower",
+            "realization": 0,
+            "e_p_mean_m": value if i == 0 else 1.0,
+        }
+        for i in range(len(plan.points))
+    ]
+    names = ("followers.0.depth_m", "leader.depth_m")
+    (drawn,) = charts.heat_maps(plan, Results.of(rows, [(row, {}) for row in rows]), names).panels
+    assert ("text" in drawn.parts[0].traces[0]) == is_written
+
+
 def test_keys_have_titles_with_units() -> None:
     for key, label, setting in (
         (
@@ -596,7 +678,7 @@ def test_a_page_has_a_row_for_each_follower_and_names_what_could_not_be_flown() 
         "Runs to look at",
     ]
     assert page.question == "## One | two? ## Three"
-    notice, _, answer_table = page.sections[0].blocks
+    notice, _, answer_table, _ = page.sections[0].blocks
     assert isinstance(notice, Notice)
     first_scenario = f"speed bias 0.1 m/s, arm x|y, {plan.followers[0]}, realization 0"
     assert notice.text == f"lost at 3 s: 2 scenarios, the first at {first_scenario}"
