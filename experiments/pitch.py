@@ -39,6 +39,13 @@ _LEVEL = sin_cos_of(0.0)
 _MIN_ERROR_M = 1e-3  # smallest error of the figures' scales
 
 
+_KINDS = {
+    FixKind.TWO_POINTS: "two points",
+    FixKind.TANGENT: "one point",
+    FixKind.ASTERN: "on the axis",
+}
+
+
 class PitchedFix(NamedTuple):
     """Where a follower is put whose true place is known; the leader is at the origin and heads
     north.
@@ -47,11 +54,16 @@ class PitchedFix(NamedTuple):
     east: float  # [m]
     north: float  # [m]
     error: float  # horizontal distance from the true place [m]
-    on_axis: bool  # by the rule for the leader's axis
+    found_as: FixKind
+
+    @property
+    def on_axis(self) -> bool:
+        """Whether it is there by the rule for the leader's axis."""
+        return self.found_as == FixKind.ASTERN
 
     @property
     def kind(self) -> str:
-        return "on the axis" if self.on_axis else "two points"
+        return _KINDS[self.found_as]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +114,7 @@ class PitchGeometry:
         pair = Pair(fixes.rear, fixes.front, False)
         fix = pair_fix(pair, _LEVEL, position, self._tuning)
         error = math.hypot(fix.east - position.east, fix.north - position.north)
-        return PitchedFix(fix.east, fix.north, error, fix.kind == FixKind.ASTERN)
+        return PitchedFix(fix.east, fix.north, error, FixKind(int(fix.kind)))
 
     def _range(self, position: Point, front: tuple[float, float, float], sign: float) -> float:
         """Slant range from the front transmitter (1) or the rear one (−1) [m]."""

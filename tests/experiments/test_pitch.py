@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from experiments.pitch import PitchGeometry, _scale, pitch_page, summary
+from experiments.pitch import PitchGeometry, _scale, pitch_page, rows_by_bearing, summary
 from laisn_sim.cli.main import app
 from tests.golden import require_golden
 from tests.reports.test_page import embedded_figures
@@ -116,6 +116,13 @@ def test_intersections_closer_than_the_threshold_are_one(threshold: float, on_ax
         baseline=3.0, pitch_deg=0.0, distance=DISTANCE, below=15.0, threshold=threshold
     )
     assert geometry.fix_at(90.0).on_axis == on_axis
+
+
+def test_circles_that_touch_have_one_point() -> None:
+    """Straight ahead and astern of a level leader they touch where the follower is."""
+    geometry = PitchGeometry(baseline=2.0, pitch_deg=0.0, distance=30.0, below=10.0)
+    kinds = [fix.kind for _, fix, _ in rows_by_bearing(geometry)]
+    assert kinds == ["one point", *["two points"] * 11, "one point"]
 
 
 @pytest.mark.system
