@@ -40,7 +40,11 @@ def speed_of(value: object) -> float:
     """A speed in seconds of the mission in a second of the viewer's, inf: as fast as possible;
     LaisnError if the value is no such speed.
     """
-    number = float(value) if isinstance(value, int | float) else math.nan
+    # True is a number of Python's
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        number = math.nan
+    else:
+        number = float(value)
     if not number > 0.0:
         raise LaisnError(f"live: expected a speed above 0, seconds a second (given: {value!r})")
     return number
@@ -64,8 +68,8 @@ class LiveView:
         self.changed = threading.Condition()  # guards what follows; notified of each change
         self.page = b""  # HTML, with the mission until its first picture; empty: not begun
         self.messages: list[str] = []  # JSON, since the page's beginning
-        self.open_pages = 0
-        self.pages_opened = 0  # until now, with those that were closed
+        self.open_pages = 0  # that follow the mission
+        self.was_opened = False  # whether the page was asked for, also before there is a mission
         self.is_over = False
         self.generation = 0  # number of missions that have begun
         self._stream: SceneStream | None = None
@@ -157,12 +161,15 @@ class LiveView:
                 self.changed.wait(left)
 
     def control(self, paused: bool | None, speed: float | None) -> None:
-        """What a page, or a program, asks for; None: as it is."""
+        """What a page, or a program, asks for; None: as it is. LaisnError, and nothing is changed, if
+        the speed is not valid.
+        """
+        new_speed = None if speed is None else speed_of(speed)
         with self.changed:
             if paused is not None:
                 self.paused = paused
-            if speed is not None:
-                self.speed = speed_of(speed)
+            if new_speed is not None:
+                self.speed = new_speed
             self._paced = None
             self.messages.append(self._state())
             self.changed.notify_all()
@@ -176,10 +183,16 @@ class LiveView:
         with self.changed:
             return self._state()
 
+    def note_opened(self) -> None:
+        """A page has been sent."""
+        with self.changed:
+            self.was_opened = True
+            self.changed.notify_all()
+
     def wait_for_page(self, patience_s: float) -> bool:
         """Wait for the first page that is opened; whether there is one."""
         with self.changed:
-            return self.changed.wait_for(lambda: self.pages_opened > 0, patience_s)
+            return self.changed.wait_for(lambda: self.was_opened, patience_s)
 
     def finish(
         self, flight: FlightRecord, events: Sequence[Event], mirror_locked: Sequence[Bools]
@@ -256,6 +269,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.FORBIDDEN)
         elif self.path == "/":
             self._send(view.page or _WAITING.encode(), "text/html")
+            view.note_opened()
         elif self.path == "/events":
             self._stream(view)
         elif self.path == "/favicon.ico":
@@ -277,7 +291,9 @@ class _Handler(BaseHTTPRequestHandler):
             speed = request.get("speed")
             if not isinstance(paused, bool | None):
                 raise ValueError("paused")
-            self.server.view.control(paused, math.inf if speed == 0 else speed)
+            # JSON has no infinity; False equals 0, too
+            is_unlimited = speed == 0 and not isinstance(speed, bool)
+            self.server.view.control(paused, math.inf if is_unlimited else speed)
         except (ValueError, AttributeError):
             self._refuse(HTTPStatus.BAD_REQUEST)
             return
@@ -290,7 +306,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         with view.changed:
             view.open_pages += 1
-            view.pages_opened += 1
             generation = view.generation
             view.changed.notify_all()
         try:

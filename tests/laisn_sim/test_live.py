@@ -84,17 +84,45 @@ def test_pages_of_other_sites_are_refused(view: LiveView) -> None:
     assert view.paused
 
 
-@pytest.mark.parametrize("body", ['{"speed": -1}', '{"paused": 3}', "[", "7", '{"speed": "a"}'])
+@pytest.mark.parametrize(
+    "body",
+    [
+        '{"speed": -1}',
+        '{"paused": 3}',
+        "[",
+        "7",
+        '{"speed": "a"}',
+        '{"speed": true}',
+        '{"speed": false}',
+        '{"paused": true, "speed": -1}',
+    ],
+)
 def test_an_invalid_control_request_is_refused(view: LiveView, body: str) -> None:
+    view.control(None, 10.0)
     assert status_of(view, "POST", "/control", body) == 400
-    assert math.isinf(view.speed)
+    assert view.speed == 10.0
     assert not view.paused
 
 
-@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, "fast"])
+@pytest.mark.parametrize("speed", [0.0, -1.0, math.nan, "fast", True])
 def test_an_invalid_speed_is_refused(speed: Any) -> None:
     with pytest.raises(LaisnError, match="expected a speed above 0"):
         LiveView(speed)
+
+
+def test_a_mission_begins_when_its_page_is_opened() -> None:
+    """A browser asks for the page before there is a mission to show; one that is refused opens
+    none.
+    """
+    view = LiveView(math.inf)
+    try:
+        assert status_of(view, "GET", "/", Host="attacker.example") == 403
+        assert status_of(view, "GET", "/favicon.ico") == 204
+        assert not view.wait_for_page(0.01)
+        assert status_of(view, "GET", "/") == 200
+        assert view.wait_for_page(10.0)
+    finally:
+        view.close()
 
 
 def test_a_mission_waits_while_it_is_paused(view: LiveView) -> None:
