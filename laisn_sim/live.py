@@ -161,8 +161,8 @@ class LiveView:
                 self.changed.wait(left)
 
     def control(self, paused: bool | None, speed: float | None) -> None:
-        """What a page, or a program, asks for; None: as it is. LaisnError, and nothing is changed, if
-        the speed is not valid.
+        """What a page, or a program, asks for; None: as it is. LaisnError, and nothing is changed,
+        if the speed is not valid.
         """
         new_speed = None if speed is None else speed_of(speed)
         with self.changed:
