@@ -123,12 +123,17 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
     )
 
 
-def _current_along_paths(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
-    lines = []
-    for i, path in enumerate(paths):
-        east, north, up = path.position.T
-        speed = np.hypot(*current_at(sea, east, north, -up, path.time).T)
-        lines.append(Line(x=path.time, y=speed, colour=_colour(i), name=path.key))
+def _speed_along(sea: SeaSettings, path: PlannedPath) -> Floats:
+    """Speed of the current along a path, shape (n,), [m/s]."""
+    east, north, up = path.position.T
+    return np.hypot(*current_at(sea, east, north, -up, path.time).T)
+
+
+def _current_along_paths(speeds: list[Floats], paths: list[PlannedPath]) -> Any:
+    lines = [
+        Line(x=path.time, y=speed, colour=_colour(i), name=path.key)
+        for i, (path, speed) in enumerate(zip(paths, speeds, strict=True))
+    ]
     return panel(lines, x_label="time [s]", y_label="current [m/s]", width=4.1, height=3.0)
 
 
@@ -153,13 +158,11 @@ def _sound_profile(sound: SoundSettings) -> Any:
     return panel(lines, x_label="speed of sound [m/s]", y_label="height [m]", width=4.1, height=3.0)
 
 
-def _profiles(sound: SoundSettings, paths: list[PlannedPath], *, flows: bool) -> Figures:
-    """Currents, where water flows, and speed of sound."""
-    if not flows:
-        return Figures(panels=[_sound_profile(sound)])
+def _profiles(sound: SoundSettings, paths: list[PlannedPath], speeds: list[Floats]) -> Figures:
+    """Currents, of these speeds along the paths, and speed of sound."""
     return Figures(
         panels=[
-            _current_along_paths(sound.sea, paths),
+            _current_along_paths(speeds, paths),
             _current_profile(sound.sea),
             _sound_profile(sound),
         ],
@@ -182,24 +185,34 @@ def write_sea_page(scenario: Scenario, path: Path) -> None:
         floor.depths_at(*planned.position[:, :2].T) + planned.position[:, 2] for planned in paths
     ]
     least_clearance = min(float(height.min()) for height in heights_above_floor)
-    flows = fastest > _NEGLIGIBLE_CURRENT_M_S
-    current_text = "There is no current"
+    speeds = [_speed_along(sea, planned) for planned in paths]
+    fastest_along = max(float(speed.max()) for speed in speeds)
+    # a tide may be slack at the start, for which the map is
+    has_arrows = fastest > _NEGLIGIBLE_CURRENT_M_S
+    flows = has_arrows or fastest_along > _NEGLIGIBLE_CURRENT_M_S
+    texts = []
     if flows:
-        current_text = (
-            f"The current runs at up to {fastest:.3g} m/s at {scenario.leader.held_depth_m:g} m"
-        )
-    summary = f"{current_text}; the plans keep {least_clearance:.3g} m above the floor."
+        texts.append(f"Along the plans the current runs at up to {fastest_along:.3g} m/s")
+    else:
+        texts.append("There is no current")
+    if has_arrows:
+        depth = scenario.leader.held_depth_m
+        texts.append(f"at the start it runs at up to {fastest:.3g} m/s at {depth:g} m on the map")
+    texts.append(f"the plans keep {least_clearance:.3g} m above the floor")
     legend = [(LEADER, "leader"), (FOLLOWER, "followers")]
-    if flows:
+    if has_arrows:
         legend.append((SERIES[0], "current"))
     values = {
         "name": printable(scenario.name),
-        "summary": summary,
+        "summary": f"{'; '.join(texts)}.",
         "depth": f"{scenario.leader.held_depth_m:g}",
         "arrow": f"{fastest:.3g} m/s",
         "maps": Figures(panels=[chart, _section(sea, paths)], legend=legend),
+        "has_arrows": has_arrows,
         "flows": flows,
-        "profiles": _profiles(sound, paths, flows=flows),
+        "profiles": (
+            _profiles(sound, paths, speeds) if flows else Figures(panels=[_sound_profile(sound)])
+        ),
         "files": [printable(line).split(": ", 1) for line in sea_report(sound)],
     }
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -57,3 +57,19 @@ def test_a_sea_without_files_has_a_page(tmp_path: Path) -> None:
     html = out.read_text(encoding="utf-8")
     assert "above the floor" in html
     assert "<h2>Files" not in html
+
+
+def test_a_tide_that_is_slack_at_the_start_is_shown(tmp_path: Path) -> None:
+    """It grows with time alone, to 0.6 m/s after a minute."""
+    out = tmp_path / "sea.html"
+    tide = "ocean.current_profile=[[0,0,90],[60,0.6,90]]"
+    options = ["--set", tide, "--set", "duration_s=60"]
+    result = CliRunner().invoke(app, ["sea", "T5", *options, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    html = out.read_text(encoding="utf-8")
+    assert "Along the plans the current runs at up to 0.6 m/s" in html
+    assert "an arrow of" not in html
+    _, _, current_over_time, *_ = embedded_figures(html)
+    for name in ("leader", "followers[0]"):
+        times, speeds = curves(current_over_time, name).T
+        np.testing.assert_allclose(speeds, 0.01 * times, atol=1e-4)
