@@ -126,7 +126,8 @@ def _section(sea: SeaSettings, paths: list[PlannedPath]) -> Any:
 def _speed_along(sea: SeaSettings, path: PlannedPath) -> Floats:
     """Speed of the current along a path, shape (n,), [m/s]."""
     east, north, up = path.position.T
-    return np.hypot(*current_at(sea, east, north, -up, path.time).T)
+    velocity = current_at(sea, east, north, -up, path.time)
+    return np.asarray(np.hypot(*velocity.T))
 
 
 def _current_along_paths(speeds: list[Floats], paths: list[PlannedPath]) -> Any:
