@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from experiments.campaign.store import Record, read_table
-from experiments.flight.folder import LOG
+from experiments.flight.folder import LOG, title_of
 from experiments.study.estimate import interval_text, over_runs, verdict_of, verdicts_text
 from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
@@ -239,7 +239,7 @@ def _studies(names: Sequence[str], folders: Sequence[Path]) -> dict[str, Any]:
 def names_of(sources: Sequence[str]) -> list[str]:
     """What the sources are called: the names of their folders or files, or all of their paths."""
     paths = [Path(source) for source in sources]
-    names = [path.name or str(path) for path in paths]
+    names = [title_of(path) if path.name == LOG else path.name or str(path) for path in paths]
     return list(sources) if len(set(names)) < len(names) else names
 
 

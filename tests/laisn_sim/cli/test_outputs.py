@@ -190,6 +190,9 @@ def test_what_is_made_of_two_flights_has_two_names(
     assert title_of(Path(LOG)) == "first"
     monkeypatch.chdir(tmp_path)
     assert title_of(Path("first/other.mcap")) == "other"
+    words = f"compare first/{LOG} second/{LOG}"
+    result = CliRunner().invoke(app, words.split(), env={"COLUMNS": "300"})
+    assert "page in out/compare/first-second.html" in result.output
     made = ("view/{}.html", "export/{}/leader_state.parquet")
     for name in ("first", "second"):
         assert all((Path("out") / file.format(name)).is_file() for file in made)
