@@ -1,16 +1,21 @@
 """The study of a formation that crosses a front: findings as functions of rows, and its page."""
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import experiments.studies.front
 from experiments.studies.front import figures
 from experiments.studies.front.findings import ARMS, CASES, findings_of
+from experiments.study.file import study_of
+from experiments.study.plan import plan_of
 from experiments.study.run import Cells
 from reports.findings import Finding
 from reports.page import page_of
 from tests.golden import numbered_record, require_golden
+from tools.documents.front_field import LINE_M
 
 RUNS = 25
 FOLLOWERS = 6
@@ -71,3 +76,14 @@ def test_the_page_is_the_golden_one(findings: dict[str, Finding]) -> None:
     record = numbered_record("front", findings)
     values = {"quick": False, "found": record, **figures.values(record, {})}
     require_golden(page_of("experiments.studies.front", [], values, record), "front")
+
+
+def test_a_trial_run_takes_all_followers_across_the_front() -> None:
+    """The leader goes north at 1 m/s from 0; followers come to their distances behind it."""
+    file = Path(experiments.studies.front.__file__).with_name("study.toml")
+    plan = plan_of(study_of(str(file), {}, quick=True))
+    for entry in plan.entries:
+        scenario = entry.scenario
+        behind = [follower.station.behind_m for follower in scenario.followers if follower.station]
+        assert len(behind) == FOLLOWERS
+        assert scenario.duration_s - max(behind) > LINE_M

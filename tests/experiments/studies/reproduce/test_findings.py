@@ -131,6 +131,11 @@ def test_claims_without_data_do_not_count_against_the_others() -> None:
     assert "set so that its own tables pass" in caption
 
 
+def test_runs_that_test_no_claim_say_so() -> None:
+    page = page_with((BASE, GATE), ROWS, PUBLISHED, judged("no data", "no data"))
+    assert page.summary.startswith("These runs test none of the paper's claims, ")
+
+
 def test_a_claim_has_our_verdict_and_figures_before_the_papers() -> None:
     criteria = [
         JudgedCriterion(
