@@ -12,7 +12,7 @@ import sys
 import sysconfig
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import NamedTuple
@@ -50,6 +50,7 @@ def _libraries() -> tuple[Path, ...]:
     return (*folders, *(_ROOT / package for package in PROJECT))
 
 
+@lru_cache(maxsize=4096)
 def is_custom(file: str | Path) -> bool:
     """Whether a source file is the user's own."""
     path = Path(file)

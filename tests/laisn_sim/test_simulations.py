@@ -12,6 +12,7 @@ from laisn.errors import LaisnError
 from laisn_sim import Command, Simulation, Simulations, Wrench
 from sim.flight import Termination
 from sim.mission_group import MissionGroup
+from sim.simulation import DivergedError
 from tests.laisn_sim.test_simulation import CLOSED_LOOP, OPEN_LOOP, require_same_bits
 
 DIRECT = {"timing.engine": "direct"}
@@ -188,6 +189,20 @@ def test_a_mission_that_is_lost_does_not_hold_others_up() -> None:
     assert sims.outcomes[1] is Termination.DIVERGED
     alone = Simulation(OPEN_LOOP, {**DIRECT, "run": 2}).step(6.0)
     require_same_bits(sims[2].flight(), alone.flight())
+
+
+@pytest.mark.system
+def test_a_mission_that_is_lost_tells_where_it_was_last() -> None:
+    """Stepped by itself then, it says what it says where it was always alone."""
+    sims = Simulations(OPEN_LOOP, count=4).step(3.0)
+    alone = Simulation(OPEN_LOOP, {**DIRECT, "run": 1}).step(3.0)
+    texts = []
+    for sim in (sims[1], alone):
+        sim.mission.plant.twist[1, 0] = 1e200
+        with pytest.raises(DivergedError, match="last good pose") as caught:
+            sim.step()
+        texts.append(str(caught.value))
+    assert texts[0] == texts[1]
 
 
 @pytest.mark.system
