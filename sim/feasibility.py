@@ -4,7 +4,7 @@ time.
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -555,29 +555,58 @@ def effect_cautions(motion: MotionSettings) -> list[str]:
     return [f"without effect on motion = 'kinematic': {', '.join(keys)}"] if keys else []
 
 
-def _idle_keys(section: Section, path: str = "") -> list[str]:
+def _switch_of(table: Section, key: str) -> str:
+    """The key of the same table whose value keeps a key from having an effect; "" if none does."""
+    for idle in type(table).model_fields[key].metadata:
+        if isinstance(idle, Idle) and getattr(table, idle.key) in idle.at:
+            return idle.key
+    return ""
+
+
+def _value_text(value: float | str) -> str:
+    return repr(value) if isinstance(value, str) else f"{value:g}"
+
+
+def idle_reason(table: Section, key: str) -> str:
+    """What keeps a dotted key of a table from having an effect, such as "ocean.waves.kind =
+    'none'"; "" if nothing does, or there is no such key.
+    """
+    path, dot, name = key.rpartition(".")
+    found: Any = table
+    for part in path.split(".") if path else ():
+        if isinstance(found, tuple):
+            # all items, "*", are judged by the first one
+            index = int(part) if part.isdecimal() else 0
+            found = found[index] if index < len(found) else None
+        else:
+            found = getattr(found, part, None)
+    if not isinstance(found, Section) or name not in type(found).model_fields:
+        return ""
+    switch = _switch_of(found, name)
+    return f"{path}{dot}{switch} = {_value_text(getattr(found, switch))}" if switch else ""
+
+
+def _idle_keys(table: Section, path: str = "") -> list[str]:
     """Lines that name keys of a table, and of the tables in it, that are set and have no effect by
     the value of another key; `path` is the table's own, up to the dot.
     """
-    fields = type(section).model_fields
     keys_by_switch: dict[str, list[str]] = {}
-    for key in section.changed_keys():
-        for idle in fields[key].metadata:
-            if isinstance(idle, Idle) and getattr(section, idle.key) in idle.at:
-                keys_by_switch.setdefault(idle.key, []).append(f"{path}{key}")
+    for key in table.changed_keys():
+        switch = _switch_of(table, key)
+        if switch:
+            keys_by_switch.setdefault(switch, []).append(f"{path}{key}")
     lines = []
     for switch, keys in keys_by_switch.items():
-        value = getattr(section, switch)
-        text = repr(value) if isinstance(value, str) else f"{value:g}"
-        lines.append(f"without effect: {', '.join(keys)}, as {path}{switch} = {text}")
-    for key in fields:
-        value = getattr(section, key)
+        value = _value_text(getattr(table, switch))
+        lines.append(f"without effect: {', '.join(keys)}, as {path}{switch} = {value}")
+    for key in type(table).model_fields:
+        value = getattr(table, key)
         tables = {f"{path}{key}": value}
         if isinstance(value, tuple):
-            tables = {f"{path}{key}[{i}]": table for i, table in enumerate(value)}
-        for name, table in tables.items():
-            if isinstance(table, Section):
-                lines += _idle_keys(table, f"{name}.")
+            tables = {f"{path}{key}[{i}]": item for i, item in enumerate(value)}
+        for name, inner in tables.items():
+            if isinstance(inner, Section):
+                lines += _idle_keys(inner, f"{name}.")
     return lines
 
 

@@ -240,6 +240,13 @@ def _did_you_mean(name: str, names: list[str]) -> str:
     return f"did you mean {close[0]!r}? " if close else ""
 
 
+def _none_of(kind: str, name: object, available: Sequence[str]) -> str:
+    """That there is no arm, case or scenario of a name, and which there are."""
+    hint = _did_you_mean(str(name), [*available])
+    names = shortened(", ".join(available), 300) or "none"
+    return f"there is no {kind} {name!r:.60}; {hint}available: {names}"
+
+
 def _lines_of(error: ValidationError) -> list[str]:
     """A line for each invalid key of the file's own."""
     lines = []
@@ -386,7 +393,7 @@ class _FileReader:
         """A line for each arm that a case names and the file does not have."""
         for case in self.file.case:
             self.lines.extend(
-                f"  case {case.name}: there is no arm {name!r:.60}"
+                f"  case {case.name}: {_none_of('arm', name, [*arms])}"
                 for name in case.arms
                 if name not in arms
             )
@@ -399,7 +406,7 @@ class _FileReader:
         # in a study of several files, one that has no cases ignores a vary.case given for all
         if available or key == SCENARIO:
             self.lines.extend(
-                f"  vary.{key}: there is no {key} {name!r:.60}"
+                f"  vary.{key}: {_none_of(key, name, available)}"
                 for name in names
                 if name not in available
             )

@@ -24,7 +24,7 @@ from experiments.study.estimate import (
 )
 from experiments.study.file import METRIC, Arm, Study
 from experiments.study.measure import METRICS, Metric
-from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, varied
+from experiments.study.plan import PlanEntry, StudyPlan, engines_of, idle_keys, many, varied
 from experiments.study.run import largest_half_width
 from laisn.plugins import plugin_options
 from reports import page as pages
@@ -357,11 +357,9 @@ class StudyPage:
         return bool(self.effects) and len(self.factors) > 2
 
     @property
-    def idle_draws(self) -> list[str]:
-        """Keys of waves that are drawn although no point has any."""
-        if any(entry.scenario.ocean.waves.kind != "none" for entry in self.plan.entries):
-            return []
-        return [draw.key for draw in self.study.draws if draw.key.startswith("ocean.waves.")]
+    def idle_keys(self) -> dict[str, str]:
+        """Keys of the study that have no effect in any mission, with the reasons."""
+        return idle_keys(self.plan)
 
     @property
     def look_text(self) -> str:

@@ -22,7 +22,7 @@ from experiments.study.file import CASE, ONLY_ARM, SCENARIO, Study, refusal
 from experiments.study.measure import METRICS, MISSION_METRICS, RUN_METRICS
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
-from sim.feasibility import engine_errors, infeasibilities
+from sim.feasibility import engine_errors, idle_reason, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.parts import MotionSettings
 from sim.scenario.section import Section
@@ -156,6 +156,26 @@ def levels(plan: StudyPlan, name: str) -> list[Any]:
 def varied(plan: StudyPlan) -> list[str]:
     """Factors of more than one value."""
     return [factor.key for factor in plan.study.factors if len(levels(plan, factor.key)) > 1]
+
+
+def idle_keys(plan: StudyPlan) -> dict[str, str]:
+    """Keys that a study sets, varies or draws and that have no effect in any of its missions, with
+    what keeps them from it.
+    """
+    study = plan.study
+    groups = [*study.arms.values(), *study.cases.values()]
+    keys = [
+        *study.settings,
+        *(factor.key for factor in study.factors),
+        *(draw.key for draw in study.draws),
+        *(key for group in groups for key in group.settings),
+    ]
+    reasons = {}
+    for key in dict.fromkeys(keys):
+        reason = next((idle_reason(entry.scenario, key) for entry in plan.entries), "")
+        if reason and all(idle_reason(entry.scenario, key) for entry in plan.entries):
+            reasons[key] = reason
+    return reasons
 
 
 def many(number: int, noun: str) -> str:

@@ -24,7 +24,14 @@ from experiments.study.estimate import Results, main_effects
 from experiments.study.extras import arms_left_out, installed
 from experiments.study.file import FOLDER, Study, built_in_files, study_of, table_in
 from experiments.study.measure import METRICS
-from experiments.study.plan import PlanEntry, StudyPlan, engines_of, many, plan_of
+from experiments.study.plan import (
+    PlanEntry,
+    StudyPlan,
+    engines_of,
+    idle_keys,
+    many,
+    plan_of,
+)
 from experiments.study.run import (
     StudyResults,
     fly_further,
@@ -275,14 +282,19 @@ def _write_record(
 
 
 def _warn_of_keys_without_effect(plans: Sequence[StudyPlan]) -> None:
-    """Name, once each, the keys that do nothing in missions whose vehicles move as points."""
+    """Name, once each, the keys that do nothing in missions whose vehicles move as points, or that
+    another key turns off in all missions of a study.
+    """
     of_points = (
         MotionSettings.of(entry.scenario)
         for plan in plans
         for entry in plan.entries
         if entry.scenario.motion == "kinematic"
     )
-    for remark in dict.fromkeys(line for motion in of_points for line in effect_cautions(motion)):
+    remarks = [line for motion in of_points for line in effect_cautions(motion)]
+    for plan in plans:
+        remarks += [f"without effect: {key}, as {why}" for key, why in idle_keys(plan).items()]
+    for remark in dict.fromkeys(remarks):
         warnings.warn(remark, WithoutEffect, stacklevel=3)
 
 

@@ -25,7 +25,7 @@ from experiments.study.page import (
     worst_and_median_run,
     worst_run,
 )
-from experiments.study.plan import StudyPlan, plan_of
+from experiments.study.plan import StudyPlan, idle_keys, plan_of
 from experiments.study.run import _row_and_lists, largest_half_width
 from experiments.study.study import findings_of
 from reports.figures import Line, light
@@ -244,6 +244,33 @@ def test_a_condition_whose_interval_contains_zero_is_undecided(plan: StudyPlan) 
         runs.append((row, {"run": [*range(values.size)], "e_p_mean_m": values.tolist()}))
     printed = page_of(plan, Results.of(rows, runs), {}).summary
     assert printed.endswith("aware against plain: undecided at 3 of 3 places.")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, {"ocean.waves.height_m": "ocean.waves.kind = 'none'"}),
+        ({"set": {"ocean.waves.kind": "regular"}}, {}),
+        ({"arm": [{"name": "calm"}, {"name": "waves", "ocean.waves.kind": "regular"}]}, {}),
+        (
+            {"set": {"followers.*.saw_tooth_period_s": 60.0, "ocean.waves.kind": "regular"}},
+            {"followers.*.saw_tooth_period_s": "followers.*.saw_tooth_amplitude_m = 0"},
+        ),
+        ({"set": {"sensors.speed_bias_m_s": 0.1, "ocean.waves.kind": "jonswap"}}, {}),
+    ],
+)
+def test_keys_that_no_mission_of_a_study_feels_are_named(
+    changes: dict[str, Any], expected: dict[str, str]
+) -> None:
+    """The height of waves is varied, once by the default that a scenario has without it."""
+    table = {"scenario": "T5", "runs": RUNS, "vary": {"ocean.waves.height_m": [0.5, 0.4]}}
+    plan = plan_of(study_from_table(table | changes, "waves.toml", "waves"))
+    assert idle_keys(plan) == expected
+    places = itertools.product(range(len(plan.points)), plan.arms)
+    page = page_of(plan, results_of(dict.fromkeys(places, RUNS)), {})
+    notices = [block for block in page.sections[0].blocks if isinstance(block, Notice)]
+    lines = [f"without effect: {key}, as {reason}" for key, reason in expected.items()]
+    assert [notice.text for notice in notices if "without" in notice.text] == lines
 
 
 def results_of(runs_of: Mapping[tuple[int, str], int]) -> Results:

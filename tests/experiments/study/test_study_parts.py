@@ -111,7 +111,18 @@ def test_cases_scenarios_and_factors_are_crossed_and_a_case_may_have_some_of_the
         ),
         ({"case": [{"name": "a", "seed": 9}]}, "seed: belongs to the study"),
         ({"arm": [{"name": "a", "run": 9}]}, "run: belongs to the study"),
-        ({"case": [{"name": "b"}], "vary": {"case": ["a"]}}, "vary.case: there is no case 'a'"),
+        (
+            {"case": [{"name": "base"}, {"name": "rough"}], "vary": {"case": ["bse"]}},
+            r"vary.case: there is no case 'bse'; did you mean 'base'\? available: base, rough",
+        ),
+        (
+            {"case": [{"name": "a", "arms": ["y"]}], "arm": [{"name": "x"}]},
+            "case a: there is no arm 'y'; available: x",
+        ),
+        (
+            {"scenario": ["T5", "T6"], "vary": {"scenario": ["T99"]}},
+            "vary.scenario: there is no scenario 'T99'; available: T5, T6",
+        ),
         ({"scenario": []}, "scenario: List should have at least 1 item"),
         ({"scenario": ["T2", "T2"]}, "vary.scenario: a value stands in the list twice"),
         ({"scenario": ["T2", "T77"]}, "unknown scenario"),
