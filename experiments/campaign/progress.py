@@ -1,5 +1,6 @@
 """Progress of a command on a terminal or in a log, and literal text for both."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -191,14 +192,17 @@ def progress(noun: str, total: int, *, quiet: bool = False) -> Iterator[Advance]
     """A bar on a terminal, a line every ten seconds in a log; nothing if there is nothing to do, or
     `quiet`.
 
-    `total` items are counted, which `noun` names. Rate and time left do not count the first item,
-    which waited for processes and compilers to start.
+    `total` items are counted, which `noun` names; below is how many functions are compiled. Rate
+    and time left do not count the first item, which waited for processes and compilers to start.
     """
     console = Console(stderr=True)
     if quiet or total == 0:
         yield lambda count: None
         return
-    with _Bars(console, MofNCompleteColumn()) as bars:
+    # processes that compute what is counted compile what was not compiled ahead
+    compiler = sys.modules.get("laisn.compiled")
+    count_compiled = compiler.count_compiled if compiler else lambda: 0
+    with _Bars(console, MofNCompleteColumn(), count=count_compiled) as bars:
         task = bars.add_task(noun, total=total)
 
         def advance(count: int) -> None:

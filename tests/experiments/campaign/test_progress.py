@@ -8,8 +8,11 @@ import sys
 import threading
 import time
 import tomllib
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rich.console import Console
@@ -52,11 +55,20 @@ def test_compiling_is_reported_once_and_not_where_the_cache_has_it(tmp_path: Pat
     assert second == []
 
 
-@pytest.mark.parametrize("has_phases", [True, False])
+@pytest.mark.parametrize(
+    "shown",
+    [
+        progress.phases,
+        lambda _: progress.compiling_shown(),
+        lambda _: progress.progress("runs", 3),
+    ],
+    ids=["phases", "no phases", "counted items"],
+)
 def test_a_terminal_counts_the_functions_compiled(
-    monkeypatch: pytest.MonkeyPatch, has_phases: bool
+    monkeypatch: pytest.MonkeyPatch, shown: Callable[[Console], AbstractContextManager[Any]]
 ) -> None:
-    """With the phases of a flight and in commands without phases, with the time that it takes.
+    """With the phases of a flight, in commands without phases and where items are counted, with
+    the time that it takes.
 
     The cache held 3 functions at first, and holds 10 in the end.
     """
@@ -72,7 +84,7 @@ def test_a_terminal_counts_the_functions_compiled(
     monkeypatch.setattr(progress, "_REFRESH_HZ", 100.0)
     console = Console(file=io.StringIO(), force_terminal=True, width=120, color_system=None)
     monkeypatch.setattr(progress, "Console", lambda stderr: console)
-    with progress.phases(console) if has_phases else progress.compiling_shown():
+    with shown(console):
         assert all_compiled.wait(10.0)
         time.sleep(0.3)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
