@@ -553,7 +553,7 @@ class Simulation:
         return self
 
     def flight(self) -> Flight:
-        """The flight until now, with a plot, a report and a log, as `laisn_sim.fly` gives it.
+        """The flight until now, with a plot and a report, as `laisn_sim.fly` gives it.
 
         LaisnError before the first filter step.
         """
@@ -561,5 +561,5 @@ class Simulation:
             raise LaisnError("there is no flight yet: no filter step is over")
         trajectory = self._mission.trajectory()
         flight = self._flown.flight(trajectory, self.outcome)
-        # the same fields, with plot, report and log
+        # the same fields, with plot and report
         return Flight(**vars(flight))
