@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import weakref
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Self, SupportsIndex, cast
@@ -15,7 +16,7 @@ import numpy as np
 
 from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import OUTCOME_BY_ERROR
-from experiments.flight.library import as_scenario
+from experiments.flight.library import as_scenario, table_of_changes
 from experiments.flight.results import Flight
 from laisn.arrays import Floats
 from laisn.errors import LaisnError
@@ -53,6 +54,7 @@ from sim.simulation import (
     EndedError,
     Mission,
     Observer,
+    OutsideCommands,
     require_regular_end,
 )
 from sim.tracking import bounds_of
@@ -69,8 +71,11 @@ def instants_of(duration: float | None) -> int:
     """How many control instants a step takes; LaisnError if its duration is none."""
     if duration is None:
         return 1
-    is_time = isinstance(duration, int | float | np.number) and np.isfinite(duration)
-    instants = round(duration / TICK) if is_time else 0
+    instants = 0
+    if isinstance(duration, int | float | np.integer | np.floating) and duration is not True:
+        # whole numbers too large for a float are none either
+        with suppress(OverflowError, ValueError):
+            instants = round(float(duration) / TICK)
     if instants < 1 or abs(instants * TICK - duration) > _SAME_TIME:
         raise LaisnError(f"duration is {duration!r} s, expected a positive multiple of {TICK:g} s")
     return instants
@@ -120,6 +125,24 @@ class LastReception(NamedTuple):
     time: Any  # when it was in, since the start [s]
     message: LeaderMessage
     ranges: Ranges
+
+
+class Start(NamedTuple):
+    """A mission at its first instant, before it is looked at or stepped."""
+
+    scenario: Scenario
+    mission: Mission
+    commands: OutsideCommands
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """Of a scenario; LaisnError if its mission cannot be controlled from outside."""
+        mission = closed_loop_mission(scenario)
+        # `readings` hold it of all vehicles
+        cast(AnyClosedLoop, mission.controller).state.reads_roll[:] = True
+        commands = mission.take_commands()
+        mission.advance(0)
+        return cls(scenario, mission, commands)
 
 
 class InstantNumbers(NamedTuple):
@@ -197,14 +220,11 @@ class Simulation:
 
             self.live = live_view(live)
         with compiling_shown():
-            self._set_out()
+            self._set_out(Start.of(self.scenario))
 
-    def _set_out(self) -> None:
-        self._mission = closed_loop_mission(self.scenario)
+    def _set_out(self, start: Start) -> None:
+        self.scenario, self._mission, self._commands = start
         self._loop = cast(AnyClosedLoop, self._mission.controller)
-        # `readings` hold it of all vehicles
-        self._loop.state.reads_roll[:] = True
-        self._commands = self._mission.take_commands()
         self._outcome = Termination.INTERRUPTED
         # floor, areas and routes that end the mission if a vehicle leaves them
         self._bounds = bounds_of(MotionSettings.of(self.scenario))
@@ -217,7 +237,6 @@ class Simulation:
             self._mission.observers = [self._write_log, *self._observers]
             # without a reference to this object
             self._at_exit = weakref.finalize(self, _interrupt_log, self._log, self._flown)
-        self._mission.advance(0)
         if self.live:
             self.live.begin(MissionPlan.of(self.scenario))
 
@@ -375,13 +394,23 @@ class Simulation:
             LaisnError: there is no such vehicle, or the command is not one that a vehicle can be
                 given.
         """
+        self.require_command(vehicle, command)
+        self.take_command(vehicle, command)
+
+    def require_command(self, vehicle: str, command: object) -> None:
+        """LaisnError as of `command`."""
         if vehicle not in self.names:
-            raise LaisnError(f"vehicle {vehicle!r}: expected one of {', '.join(self.names)}")
+            raise LaisnError(f"vehicle {vehicle!r:.80}: expected one of {', '.join(self.names)}")
+        if command is not None:
+            effectors = len(self._mission.plant.effector_names[self.names.index(vehicle)])
+            require_command(command, effectors, f"command of {vehicle}:")
+
+    def take_command(
+        self, vehicle: str, command: Command | Wrench | tuple[float, float, float] | Floats | None
+    ) -> None:
+        """Command a vehicle as `require_command` demands."""
         index = self.names.index(vehicle)
         outside = self._commands
-        if command is not None:
-            effectors = len(self._mission.plant.effector_names[index])
-            require_command(command, effectors, f"command of {vehicle}:")
         # guidance begins anew where control changes hands
         outside.begins[index] |= command is None or outside.kind[index] == NOTHING
         self._mission.routes.commanded_from_outside[index] = command is not None
@@ -542,15 +571,31 @@ class Simulation:
         """Set out anew, perhaps with the noise of another seed or run, or further changes of the
         scenario by dotted key, which later resets keep; commands are forgotten.
 
-        A log begins anew as well, and takes the place of the one before.
+        A log begins anew as well, and takes the place of the one before. LaisnError as of `load`,
+        and if vehicles move as points: the mission is then as it was.
         """
+        self.set_out(self.start_anew(seed=seed, run=run, changes=changes))
+        return self
+
+    def start_anew(
+        self,
+        *,
+        seed: int | None = None,
+        run: int | None = None,
+        changes: Mapping[str, Any] | None = None,
+    ) -> Start:
+        """What `reset` sets out on, by its arguments; nothing has changed yet."""
+        scenario = self.scenario
         noise = {"seed": seed, "run": run}
         changed = {key: value for key, value in noise.items() if value is not None}
         if changed or changes:
-            self.scenario = as_scenario(self.scenario, {**(changes or {}), **changed})
+            scenario = as_scenario(scenario, {**table_of_changes(changes), **changed})
+        return Start.of(scenario)
+
+    def set_out(self, start: Start) -> None:
+        """Set out anew; see `start_anew`."""
         self._end_log()
-        self._set_out()
-        return self
+        self._set_out(start)
 
     def flight(self) -> Flight:
         """The flight until now, with a plot and a report, as `laisn_sim.fly` gives it.

@@ -81,6 +81,16 @@ class Wrench(NamedTuple):
     yaw: float = 0.0  # about the upward axis, positive to port [N m]
 
 
+def as_numbers(values: Any) -> Floats:
+    """Values as numbers; TypeError or ValueError if they are none: text, dates, complex numbers or
+    lists of unlike lengths.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind not in "biufO":
+        raise TypeError(f"{array.dtype} is no type of real numbers")
+    return np.asarray(array, dtype=np.float64)
+
+
 def require_command(command: Any, effector_count: int, subject: str, origin: str = "") -> None:
     """LaisnError if `command` is not one a vehicle can be given; the message begins with `subject`
     and ends with `origin`.
@@ -93,7 +103,7 @@ def require_command(command: Any, effector_count: int, subject: str, origin: str
     elif isinstance(command, np.ndarray):
         expected = effector_count
     try:
-        numbers = np.asarray(command, dtype=np.float64)
+        numbers = as_numbers(command)
     except (TypeError, ValueError):
         numbers = np.empty(0)
     if numbers.shape != (expected,) or not np.isfinite(numbers).all():

@@ -130,6 +130,18 @@ def load_scenario(source: str, assignments: Iterable[str], *, flyable: bool = Fa
     return validate(assigned(table, changes), name, where=where)
 
 
+def table_of_changes(changes: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Changes of a scenario, none for None; ScenarioError if they are no table."""
+    if changes is None:
+        return {}
+    if not isinstance(changes, Mapping):
+        raise ScenarioError(
+            "changes: expected a table of values by dotted key (given: "
+            f"{printable(repr(changes)):.80})"
+        )
+    return changes
+
+
 def as_scenario(
     source: str | Path | Mapping[str, Any] | Scenario, changes: Mapping[str, Any] | None = None
 ) -> Scenario:
@@ -140,12 +152,7 @@ def as_scenario(
     hold, or a scenario; `changes` are values by dotted key, such as {"followers.0.depth_m": 12.0,
     "navigation.variant": "laisn-3-2"}.
     """
-    changes = {} if changes is None else changes
-    if not isinstance(changes, Mapping):
-        raise ScenarioError(
-            "changes: expected a table of values by dotted key (given: "
-            f"{printable(repr(changes)):.80})"
-        )
+    changes = table_of_changes(changes)
     if isinstance(source, Scenario):
         table = source.model_dump(mode="json", exclude_none=True)
         name = f"scenario {source.name!r}"

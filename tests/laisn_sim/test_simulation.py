@@ -262,6 +262,8 @@ def test_a_moment_of_roll_heels_a_hull_that_can_give_it(by_controller: bool) -> 
         ("leader", (0.0, np.nan, 5.0), r"command of leader: .*nan.*; expected heading, speed"),
         ("leader", (0.0, 1.0), "command of leader: .*; expected heading, speed and depth"),
         ("leader", np.zeros(99), "states of [0-9]+ effectors, all finite"),
+        ("leader", ("0", 1.0, 5.0), "command of leader: .*; expected heading, speed and depth"),
+        ("leader", np.array(["0"] * 5), "states of [0-9]+ effectors, all finite"),
     ],
 )
 def test_an_invalid_command_is_refused(vehicle: str, command: Any, message: str) -> None:
@@ -269,7 +271,10 @@ def test_an_invalid_command_is_refused(vehicle: str, command: Any, message: str)
         Simulation(OPEN_LOOP).command(vehicle, command)
 
 
-@pytest.mark.parametrize("duration", [0.0, -1.0, 0.25, np.inf, np.nan, "x", [0.1]])
+@pytest.mark.parametrize(
+    "duration",
+    [0.0, -1.0, 0.25, np.inf, np.nan, "x", [0.1], True, 10**400, np.complex128(1.0)],
+)
 def test_a_duration_that_is_no_multiple_of_the_control_step_is_refused(duration: Any) -> None:
     with pytest.raises(LaisnError, match=r"expected a positive multiple of 0\.1 s"):
         Simulation(OPEN_LOOP).step(duration)
@@ -295,6 +300,17 @@ def test_a_reset_gives_the_same_bits_or_the_noise_of_another_run() -> None:
     assert other_run.scenario.run == 3
     assert not np.array_equal(other_run.measurements[0].speed, first.measurements[0].speed)
     np.testing.assert_array_equal(other_run.trajectory.pose[0], first.trajectory.pose[0])
+
+
+def test_a_reset_that_is_refused_leaves_the_mission_as_it_is() -> None:
+    sim = Simulation(OPEN_LOOP).step(1.0)
+    for changes in ({"motion": "kinematic"}, {"duration": 1.0}, [1]):
+        with pytest.raises(LaisnError):
+            sim.reset(seed=5, changes=changes)
+    assert sim.time == 1.0
+    assert (sim.scenario.motion, sim.scenario.seed) == ("physics", 1)
+    require_same_bits(sim.step(1.0).flight(), Simulation(OPEN_LOOP).step(2.0).flight())
+    require_same_bits(sim.reset().step(1.0).flight(), Simulation(OPEN_LOOP).step(1.0).flight())
 
 
 class Shaky:
