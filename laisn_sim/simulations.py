@@ -6,16 +6,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn, Self, SupportsIndex, overload
+from typing import Any, NamedTuple, NoReturn, Self, SupportsIndex, TypeGuard, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from experiments.campaign.progress import compiling_shown
-from experiments.flight.library import as_scenario
+from experiments.flight.library import as_scenario, table_of_changes
 from laisn.arrays import Bools, Floats, Ints
 from laisn.errors import LaisnError
 from laisn.simd import LANES
@@ -28,13 +28,13 @@ from laisn_sim.simulation import (
     last_reception,
 )
 from sim import attitude
-from sim.custom_control import Belief, Command, Readings, Wrench
+from sim.custom_control import Belief, Command, Readings, Wrench, as_numbers
 from sim.feasibility import engine_errors
 from sim.flight import Termination
 from sim.mission_group import MissionGroup
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
-from sim.simulation import DivergedError, navigation_error
+from sim.simulation import DivergedError, Mission, navigation_error
 from sim.vehicle.solvers import Engine
 
 Which = Sequence[int] | Sequence[bool] | Bools | Ints
@@ -83,10 +83,14 @@ def _engine_updates(motion: MotionSettings, named: Iterable[str]) -> dict[str, E
 
 
 def _indices(which: Which | None, count: int) -> list[int]:
-    """Indices of missions in order; LaisnError if there are no such missions."""
+    """Indices of missions as they are named; LaisnError if there are no such missions."""
     if which is None:
         return list(range(count))
-    chosen = np.asarray(which)
+    try:
+        chosen = np.asarray(which)
+    except ValueError:
+        # lists of unlike lengths
+        chosen = np.empty((0, 0))
     if chosen.dtype == np.bool_ and chosen.shape == (count,):
         return [int(i) for i in np.flatnonzero(chosen)]
     is_index = chosen.ndim == 1 and (chosen.dtype.kind in "iu" or chosen.size == 0)
@@ -95,19 +99,77 @@ def _indices(which: Which | None, count: int) -> list[int]:
         raise LaisnError(
             f"which is {which!r:.80}, expected indices below {count}, or {count} truth values"
         )
-    return sorted(set(indices))
+    if len(set(indices)) < len(indices):
+        raise LaisnError(f"which is {which!r:.80}, expected indices of missions, each once")
+    return indices
 
 
-def _for_each(values: Any, name: str, indices: Sequence[int]) -> dict[int, Any]:
-    """A value for each of some missions, of one for all or one for each; None: none."""
-    if values is None or isinstance(values, int | np.integer):
-        return dict.fromkeys(indices, values)
-    listed = list(values)
-    if len(listed) != len(indices):
+def _is_whole_number(value: object) -> TypeGuard[int]:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def _listed(values: Any, name: str, expected: str) -> list[Any]:
+    """Values of a list or a one-dimensional array; LaisnError if it is neither."""
+    is_list = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping)
+    if not is_list or (isinstance(values, np.ndarray) and values.ndim != 1):
+        raise LaisnError(f"{name} is {values!r:.80}, expected {expected}")
+    return list(values)
+
+
+def _tables(each: Any) -> list[Mapping[str, Any]]:
+    """Changes of each of some missions; LaisnError if they are none."""
+    tables = _listed(each, "each", "a list of tables of changes by dotted key")
+    for i, table in enumerate(tables):
+        if not isinstance(table, Mapping):
+            raise LaisnError(
+                f"each[{i}] is {table!r:.80}, expected a table of changes by dotted key"
+            )
+    return tables
+
+
+def _require_one_for_each(values: Sequence[Any], name: str, count: int) -> None:
+    if len(values) != count:
         raise LaisnError(
-            f"{name} has {len(listed)} values, expected one for each of {len(indices)} missions"
+            f"{name} has {len(values)} values, expected one for each of {count} missions"
         )
-    return dict(zip(indices, listed, strict=True))
+
+
+def _for_each(value: Any, name: str, count: int) -> list[Any]:
+    """A whole number or None for each of some missions, of one for all or one for each."""
+    if value is None or _is_whole_number(value):
+        return [value] * count
+    values = _listed(value, name, f"a whole number, or one for each of {count} missions")
+    _require_one_for_each(values, name, count)
+    return values
+
+
+def _require_same_vehicles(missions: Iterable[Mission]) -> None:
+    """LaisnError if vehicles of missions differ in names or numbers of effectors, which arrays of
+    all have in common.
+    """
+    effectors = {
+        tuple(zip(mission.plant.names, map(len, mission.plant.effector_names), strict=True))
+        for mission in missions
+    }
+    if len(effectors) > 1:
+        raise LaisnError(
+            "the missions' vehicles differ in names or numbers of effectors: "
+            f"{' and '.join(map(str, sorted(effectors)[:2]))}; arrays of all need the same"
+        )
+
+
+class _Group(NamedTuple):
+    """Up to eight missions, and how they move side by side; None: one after the other."""
+
+    missions: list[Mission]
+    together: MissionGroup | None
+
+    @classmethod
+    def of(cls, missions: list[Mission]) -> Self:
+        try:
+            return cls(missions, MissionGroup(missions))
+        except ValueError:
+            return cls(missions, None)
 
 
 class Simulations(Sequence[Simulation]):
@@ -142,9 +204,11 @@ class Simulations(Sequence[Simulation]):
         are moved by the solver "direct" if no `timing.engine` is named. LaisnError also if vehicles
         move as points, or the missions' vehicles have different names or numbers of effectors.
         """
+        if count is not None and not _is_whole_number(count):
+            raise LaisnError(f"count is {count!r:.80}, expected a whole number of missions")
         tables: list[Mapping[str, Any]] = [{}] * (1 if count is None else count)
         if each is not None:
-            tables = list(each)
+            tables = _tables(each)
         if not tables or (count is not None and len(tables) != count):
             raise LaisnError(
                 f"count is {count!r} and each has {len(tables)} tables, expected as many missions "
@@ -153,7 +217,7 @@ class Simulations(Sequence[Simulation]):
         self._sims: list[Simulation] = []
         with compiling_shown():
             for i, own in enumerate(tables):
-                all_changes = {**(changes or {}), **own}
+                all_changes = {**table_of_changes(changes), **own}
                 scenario = as_scenario(source, all_changes)
                 # one that is loaded of another names all keys
                 named = set(
@@ -166,19 +230,12 @@ class Simulations(Sequence[Simulation]):
                 self._sims.append(
                     Simulation(scenario.model_copy(update={"timing": timing, "run": run}))
                 )
-        effectors = {
-            tuple(zip(sim.names, map(len, sim.mission.plant.effector_names), strict=True))
-            for sim in self._sims
-        }
-        if len(effectors) > 1:
-            raise LaisnError(
-                "the missions' vehicles differ in names or numbers of effectors: "
-                f"{' and '.join(map(str, sorted(effectors)[:2]))}; arrays of all need the same"
-            )
-        self._groups: list[MissionGroup | None] = [None] * -(-len(self._sims) // LANES)
-        self._is_grouped = [False] * len(self._groups)
-        self._threads = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+        _require_same_vehicles(sim.mission for sim in self._sims)
+        self._groups = [_Group([], None)] * -(-len(self._sims) // LANES)
+        self._executors: dict[int, ThreadPoolExecutor] = {}
         self._numbers: InstantNumbers | None = None
+        # missions and their numbers of instants that `_numbers` are of
+        self._numbers_of: list[tuple[Mission, int]] = []
         self._has_stepped = False
 
     def __reduce_ex__(self, _: SupportsIndex) -> NoReturn:
@@ -225,7 +282,8 @@ class Simulations(Sequence[Simulation]):
 
         A mission that leaves finite numbers is over; `outcomes` says so. LaisnError if all missions
         are over or the duration is no positive multiple of 0.1 s; ArithmeticError naming a mission
-        and a follower whose navigator failed, when all others are there.
+        and a follower whose navigator failed, or what a part of a mission in Python raised with a
+        note that names the mission, when all others are there.
         """
         instants = instants_of(duration)
         if self.done.all():
@@ -239,14 +297,9 @@ class Simulations(Sequence[Simulation]):
         return self
 
     def _step(self, instants: int) -> None:
-        self._numbers = None
         ends = [-1 if sim.done else sim.end_of_step(instants) for sim in self._sims]
-        for number in range(len(self._groups)):
-            self._group(number)
-        failures: dict[int, ArithmeticError] = {}
-        for failed in self._threads.map(
-            lambda number: self._advance_group(number, ends), range(len(self._groups))
-        ):
+        failures: dict[int, Exception] = {}
+        for failed in self._advance_groups(ends):
             failures |= failed
         for i, (sim, end) in enumerate(zip(self._sims, ends, strict=True)):
             if end < 0 or i in failures:
@@ -256,29 +309,52 @@ class Simulations(Sequence[Simulation]):
             except DivergedError:
                 # its outcome says so
                 continue
-            except ArithmeticError as error:
+            except Exception as error:  # of parts in Python
                 failures[i] = error
         for i, failure in sorted(failures.items()):
-            raise ArithmeticError(f"mission {i}: {failure}") from failure
+            if isinstance(failure, ArithmeticError):
+                raise ArithmeticError(f"mission {i}: {failure}") from failure
+            failure.add_note(f"mission {i} of {len(self)}")
+            raise failure
 
-    def _group(self, number: int) -> None:
-        """Form a group of missions anew if one of them was set out anew."""
-        if self._is_grouped[number]:
-            return
-        self._is_grouped[number] = True
-        missions = [sim.mission for sim in self._sims[number * LANES : (number + 1) * LANES]]
+    @property
+    def _threads(self) -> ThreadPoolExecutor:
+        """Of this process: one that was forked off another has not got the threads of that."""
+        process = os.getpid()
+        if process not in self._executors:
+            self._executors[process] = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+        return self._executors[process]
+
+    def _advance_groups(self, ends: Sequence[int]) -> list[dict[int, ArithmeticError]]:
+        """Advance missions as far as they move side by side; what went wrong, by mission."""
+        for number in range(len(self._groups)):
+            self._form_group(number)
+        if len(self._groups) == 1:
+            return [self._advance_group(0, ends)]
+        threads = self._threads
+        running = [
+            threads.submit(self._advance_group, number, ends) for number in range(len(self._groups))
+        ]
         try:
-            self._groups[number] = MissionGroup(missions)
-        except ValueError:
-            self._groups[number] = None
+            return [group.result() for group in running]
+        finally:
+            # no mission moves on after a step that was interrupted
+            for group in running:
+                group.cancel()
+            wait(running)
+
+    def _form_group(self, number: int) -> None:
+        """Form a group of missions anew if one of them was set out anew."""
+        missions = [sim.mission for sim in self._sims[number * LANES : (number + 1) * LANES]]
+        if self._groups[number].missions != missions:
+            self._groups[number] = _Group.of(missions)
 
     def _advance_group(self, number: int, ends: Sequence[int]) -> dict[int, ArithmeticError]:
-        """Advance a group as far as its missions move side by side; what went wrong by mission."""
-        group = self._groups[number]
-        if group is None:
+        together = self._groups[number].together
+        if together is None:
             return {}
         first = number * LANES
-        failed = group.advance(ends[first : first + LANES])
+        failed = together.advance(ends[first : first + LANES])
         return {first + i: navigation_error(follower) for i, follower in failed.items()}
 
     def command(
@@ -290,44 +366,53 @@ class Simulations(Sequence[Simulation]):
         """Command a vehicle of all missions, or of those of `which`, from now on, as of
         `Simulation.command`.
 
-        Each number of a `Command` or a `Wrench` may be an array of one for each of these missions;
-        an array of states of the effectors has shape (m,), for all, or (missions, m).
+        Each number of a `Command` or a `Wrench` may be an array of one for each of these missions,
+        in the order of `which`; an array of states of the effectors has shape (m,), for all, or
+        (missions, m). Where a command is refused, no mission is commanded.
         """
         indices = _indices(which, len(self))
-        if command is None:
-            for i in indices:
-                self._sims[i].command(vehicle, None)
-            return
-        for i, values in zip(indices, self._rows(command, len(indices)), strict=True):
-            own: Command | Wrench | Floats = values
-            if not isinstance(command, np.ndarray):
-                own = type(command)(*values.tolist())
+        self._sims[0].require_command(vehicle, None)
+        commands = self._commands(command, len(indices))
+        for i, own in zip(indices, commands, strict=True):
             try:
-                self._sims[i].command(vehicle, own)
+                self._sims[i].require_command(vehicle, own)
             except LaisnError as error:
                 raise LaisnError(f"mission {i}: {error}") from None
+        for i, own in zip(indices, commands, strict=True):
+            self._sims[i].take_command(vehicle, own)
+
+    def _commands(
+        self, command: Command | Wrench | Floats | None, count: int
+    ) -> Sequence[Command | Wrench | Floats | None]:
+        """Commands of each of some missions."""
+        if command is None:
+            return [None] * count
+        rows = self._rows(command, count)
+        if isinstance(command, np.ndarray):
+            return list(rows)
+        return [type(command)(*values) for values in rows.tolist()]
 
     @staticmethod
     def _rows(command: Command | Wrench | Floats, count: int) -> Floats:
         """Numbers of a command of each of some missions."""
         if isinstance(command, np.ndarray):
             parts: Sequence[Any] = [command]
-            shape = (count, command.shape[-1] if command.ndim else 1)
+            shape: tuple[int, ...] = (count, command.shape[-1] if command.ndim else 1)
         elif isinstance(command, Command | Wrench):
-            parts = [np.asarray(value)[..., None] for value in command]
-            shape = (count, 1)
+            parts = command
+            shape = (count,)
         else:
             raise LaisnError(
                 f"command {command!r:.80}; expected a Command, a Wrench, an array or None"
             )
         try:
-            rows = [np.broadcast_to(np.asarray(part, dtype=np.float64), shape) for part in parts]
+            rows = [np.broadcast_to(as_numbers(part), shape) for part in parts]
         except (TypeError, ValueError):
             raise LaisnError(
                 f"command {command!r:.80}; expected numbers, or arrays of {count}, one for each "
                 "mission that is commanded"
             ) from None
-        return np.concatenate(rows, axis=1)
+        return rows[0] if isinstance(command, np.ndarray) else np.stack(rows, axis=1)
 
     def reset(
         self,
@@ -338,24 +423,44 @@ class Simulations(Sequence[Simulation]):
         each: Sequence[Mapping[str, Any]] | None = None,
     ) -> Self:
         """Set out anew on all missions, or on those of `which`, perhaps with the noise of other
-        seeds or runs, one for all or one for each, or with further changes of each.
+        seeds or runs, one for all or one for each in the order of `which`, or with further changes
+        of each.
+
+        LaisnError as of `Simulations`; all missions are then as they were.
         """
         indices = _indices(which, len(self))
-        seeds = _for_each(seed, "seed", indices)
-        runs = _for_each(run, "run", indices)
-        changes = _for_each(each, "each", indices)
-        for i in indices:
-            self._sims[i].reset(seed=seeds[i], run=runs[i], changes=changes[i])
-            self._is_grouped[i // LANES] = False
-        self._numbers = None
+        count = len(indices)
+        tables: Sequence[Mapping[str, Any] | None] = [None] * count
+        if each is not None:
+            tables = _tables(each)
+            _require_one_for_each(tables, "each", count)
+        values = zip(
+            indices,
+            _for_each(seed, "seed", count),
+            _for_each(run, "run", count),
+            tables,
+            strict=True,
+        )
+        starts = {
+            i: self._sims[i].start_anew(seed=own_seed, run=own_run, changes=changes)
+            for i, own_seed, own_run, changes in values
+        }
+        missions = {i: sim.mission for i, sim in enumerate(self._sims)}
+        _require_same_vehicles(
+            (missions | {i: start.mission for i, start in starts.items()}).values()
+        )
+        for i, start in starts.items():
+            self._sims[i].set_out(start)
         return self
 
     @property
     def _stacked(self) -> InstantNumbers:
-        """Numbers of all missions, the missions along the first axis."""
-        if self._numbers is None:
+        """Numbers of all missions, the missions along the first axis, to be copied."""
+        present = [(sim.mission, sim.mission.instants) for sim in self._sims]
+        if self._numbers is None or self._numbers_of != present:
             listed = [sim.numbers for sim in self._sims]
             self._numbers = InstantNumbers(*map(np.stack, zip(*listed, strict=True)))
+            self._numbers_of = present
         return self._numbers
 
     @property
@@ -365,18 +470,18 @@ class Simulations(Sequence[Simulation]):
         counts = map(len, self._sims[0].mission.plant.effector_names)
         return {
             name: VehicleTruths(
-                position=numbers.pose[:, i, :3],
-                quaternion=numbers.pose[:, i, 3:],
-                velocity=numbers.twist[:, i, :3],
-                angular_velocity=numbers.twist[:, i, 3:],
-                water_velocity=numbers.water[:, i],
-                effectors=numbers.effector_states[:, i, :effectors],
+                position=numbers.pose[:, i, :3].copy(),
+                quaternion=numbers.pose[:, i, 3:].copy(),
+                velocity=numbers.twist[:, i, :3].copy(),
+                angular_velocity=numbers.twist[:, i, 3:].copy(),
+                water_velocity=numbers.water[:, i].copy(),
+                effectors=numbers.effector_states[:, i, :effectors].copy(),
             )
             for i, (name, effectors) in enumerate(zip(self.names, counts, strict=True))
         }
 
     def _by_follower(self, numbers: Floats) -> dict[str, npt.NDArray[Any]]:
-        return {name: numbers[:, i] for i, name in enumerate(self.names[1:])}
+        return {name: numbers[:, i].copy() for i, name in enumerate(self.names[1:])}
 
     @property
     def readings(self) -> dict[str, Readings]:
@@ -385,10 +490,10 @@ class Simulations(Sequence[Simulation]):
         They hold no receptions, which `latest` has, and no readings of further sensors, which those
         of a single mission have.
         """
-        time: Any = self.time
         readings = {}
         for name, numbers in self._by_follower(self._stacked.readings).items():
-            reading: Any = np.ascontiguousarray(numbers).view(READING)[:, 0]
+            time: Any = self.time
+            reading: Any = numbers.view(READING)[:, 0]
             readings[name] = Readings(
                 time=time,
                 speed=reading["speed"],
@@ -410,7 +515,7 @@ class Simulations(Sequence[Simulation]):
         """
         beliefs = {}
         for name, numbers in self._by_follower(self._stacked.estimates).items():
-            estimate: Any = np.ascontiguousarray(numbers).view(ESTIMATE)[:, 0]
+            estimate: Any = numbers.view(ESTIMATE)[:, 0]
             beliefs[name] = Belief(
                 east=estimate["position"][:, 0],
                 north=estimate["position"][:, 1],

@@ -1,6 +1,9 @@
 """Missions that are stepped together: each is what it is alone, to the bit."""
 
 import copy
+import os
+import signal
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,7 +12,9 @@ import pytest
 
 import laisn_sim
 from laisn.errors import LaisnError
+from laisn.plugins import register
 from laisn_sim import Command, Simulation, Simulations, Wrench
+from sim.custom_control import Readings
 from sim.flight import Termination
 from sim.mission_group import MissionGroup
 from sim.simulation import DivergedError
@@ -286,3 +291,227 @@ def test_resets_take_a_value_for_all_or_one_for_each() -> None:
         sims.reset(seed=[1, 2])
     with pytest.raises(LaisnError, match="neither copied nor pickled"):
         copy.copy(sims)
+
+
+def test_values_of_some_missions_are_given_in_the_order_in_which_these_are_named() -> None:
+    """Effectors of missions that no step has moved are commanded: each takes its own."""
+    sims = Simulations(OPEN_LOOP, count=3)
+    sims.reset([2, 0], seed=[4, 5])
+    assert [sim.scenario.seed for sim in sims] == [5, 1, 4]
+    sims.command("follower", Command(np.array([1.0, 2.0]), 1.0, 10.0), [2, 0])
+    sims.step(15.0)
+    headings = sims.truth["follower"].heading
+    assert headings[[0, 2]] == pytest.approx([2.0, 1.0], abs=0.2)
+    for which in ([1, 1], [True, 1]):
+        with pytest.raises(LaisnError, match="each once"):
+            sims.command("follower", None, which)
+
+
+def test_missions_that_are_stepped_or_set_out_by_themselves_are_shown_as_they_are(
+    moved_together: list[int],
+) -> None:
+    sims = Simulations(OPEN_LOOP, count=3)
+    sims.step(1.0)
+    before = sims.truth["follower"].position
+    sims[1].step(2.0)
+    np.testing.assert_array_equal(
+        sims.truth["follower"].position[1], sims[1].truth["follower"].position
+    )
+    sims[2].reset()
+    np.testing.assert_array_equal(
+        sims.truth["follower"].position[2], sims[2].truth["follower"].position
+    )
+    np.testing.assert_array_equal(sims.truth["follower"].position[0], before[0])
+    sims.step(1.0)
+    assert sims.time.tolist() == [2.0, 4.0, 1.0]
+    assert moved_together == [30, 30]
+
+
+def test_arrays_belong_to_those_who_read_them() -> None:
+    """Writing to them changes nothing that is read later."""
+
+    def arrays() -> list[Any]:
+        truth = sims.truth["follower"]
+        latest = sims.latest["follower"]
+        readings = sims.readings["follower"]
+        return [
+            *vars(truth).values(),
+            *readings[:9],
+            *sims.estimates["follower"],
+            latest.time,
+            *latest.message,
+            *latest.ranges,
+        ]
+
+    sims = Simulations(OPEN_LOOP, count=3)
+    sims.step(3.0)
+    expected = [array.copy() for array in arrays()]
+    for array in arrays():
+        array[...] = 7.0
+    for array, value in zip(arrays(), expected, strict=True):
+        np.testing.assert_array_equal(array, value)
+
+
+@pytest.mark.parametrize(
+    ("each", "message"),
+    [
+        ({"ocean.current_speed_m_s": -1.0}, "current_speed_m_s"),
+        ({"motion": "kinematic"}, "motion is 'kinematic'"),
+        ({"followers.0.name": "other"}, "differ in names"),
+    ],
+)
+def test_a_reset_that_is_refused_changes_no_mission(each: dict[str, Any], message: str) -> None:
+    sims = Simulations(OPEN_LOOP, count=3)
+    sims.step(1.0)
+    before = sims.truth["follower"].position
+    with pytest.raises(LaisnError, match=message):
+        sims.reset(seed=9, each=[{}, {}, each])
+    assert sims.time.tolist() == [1.0] * 3
+    assert [sim.scenario.seed for sim in sims] == [1] * 3
+    assert [sim.scenario.motion for sim in sims] == ["physics"] * 3
+    np.testing.assert_array_equal(sims.truth["follower"].position, before)
+
+
+@pytest.mark.parametrize(
+    ("command", "which"),
+    [
+        (Command(np.array([1.0, 1.0, np.nan]), 1.0, 9.0), None),
+        (Wrench(surge=np.array([1.0, np.inf])), [0, 1]),
+        (np.array([[0.0] * 5, [0.0] * 5, [np.nan] * 5]), None),
+    ],
+)
+def test_a_command_that_is_refused_reaches_no_mission(command: Any, which: Any) -> None:
+    sims = Simulations(OPEN_LOOP, count=3)
+    with pytest.raises(LaisnError, match="all finite"):
+        sims.command("follower", command, which)
+    sims.step(10.0)
+    free = Simulations(OPEN_LOOP, count=3)
+    free.step(10.0)
+    np.testing.assert_array_equal(sims.truth["follower"].position, free.truth["follower"].position)
+
+
+def test_a_vehicle_is_asked_for_even_if_no_mission_is_commanded() -> None:
+    with pytest.raises(LaisnError, match="vehicle 'nobody': expected one of leader, follower"):
+        Simulations(OPEN_LOOP, count=3).command("nobody", None, [])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"count": 2.5}, "count is 2.5, expected a whole number"),
+        ({"count": "3"}, "count is '3', expected a whole number"),
+        ({"count": True}, "count is True, expected a whole number"),
+        ({"each": 3}, "each is 3, expected a list"),
+        ({"each": "abc"}, "each is 'abc', expected a list"),
+        ({"each": {"duration_s": 3.0}}, "each is {'duration_s': 3.0}, expected a list"),
+        ({"each": [{}, None]}, r"each\[1\] is None, expected a table"),
+        ({"each": [{}, 3]}, r"each\[1\] is 3, expected a table"),
+        ({"changes": [1]}, r"changes: expected a table"),
+    ],
+)
+def test_numbers_and_changes_of_missions_of_other_types_are_refused(
+    arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(LaisnError, match=message):
+        Simulations(OPEN_LOOP, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"seed": 2.5}, "seed is 2.5, expected"),
+        ({"run": "12"}, "run is '12', expected"),
+        ({"seed": np.array(5.0)}, r"seed is array\(5.\), expected"),
+        ({"seed": np.ones((3, 1))}, r"(?s)seed is array.*, expected"),
+        ({"seed": [1, 2, 2.5]}, "seed: Input should be a valid integer"),
+        ({"each": 3}, "each is 3, expected"),
+        ({"each": {"duration_s": 3.0}}, "each is {'duration_s': 3.0}, expected"),
+        ({"each": [{}, {}, 3]}, r"each\[2\] is 3, expected a table"),
+        ({"which": [[1], [2, 3]]}, "which is .*, expected indices"),
+    ],
+)
+def test_values_of_other_types_are_refused_when_missions_set_out_anew(
+    arguments: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(LaisnError, match=message):
+        Simulations(OPEN_LOOP, count=3).reset(**arguments)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        Command([0.0, [1.0]], 1.0, 9.0),
+        Command("1", 1.0, 9.0),
+        Command(1j * np.ones(3), 1.0, 9.0),
+        Command(np.datetime64("2026-01-01"), 1.0, 9.0),
+        np.array(["1"] * 5),
+    ],
+)
+def test_what_is_no_number_is_no_command_of_missions(command: Any) -> None:
+    with pytest.raises(LaisnError, match="expected numbers"):
+        Simulations(OPEN_LOOP, count=3).command("follower", command)
+
+
+class _Interrupted(MissionGroup):
+    """The first group is interrupted while the others are slow."""
+
+    def advance(self, ends: Any) -> dict[int, int]:
+        if self.missions[0] is _Interrupted.first:
+            time.sleep(0.1)
+            raise KeyboardInterrupt
+        time.sleep(0.3)
+        return super().advance(ends)
+
+    first: Any = None
+
+
+def test_no_mission_moves_on_after_a_step_that_was_interrupted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else it would move under the hands of who looks at it or steps it again."""
+    monkeypatch.setattr("laisn_sim.simulations.MissionGroup", _Interrupted)
+    sims = Simulations(OPEN_LOOP, count=16)
+    _Interrupted.first = sims[0].mission
+    with pytest.raises(KeyboardInterrupt):
+        sims.step(5.0)
+    times = sims.time
+    time.sleep(0.4)
+    np.testing.assert_array_equal(sims.time, times)
+
+
+class TooDeep:
+    """A controller that refuses to work deeper than 9.5 m."""
+
+    def __init__(self, _: object) -> None:
+        """Nothing is needed."""
+
+    def control(self, readings: Readings, belief: object, dt: float) -> Command:
+        """Hold a course."""
+        if readings.depth > 9.5:
+            raise RuntimeError("too deep")
+        return Command(1.5, 1.0, 9.0)
+
+
+def test_what_is_wrong_with_a_mission_names_it_and_holds_no_other_up() -> None:
+    follower = {"route": "T5", "controller": register(TooDeep), "depth_m": 9.0}
+    sims = Simulations({**OPEN_LOOP, "followers": [follower]}, count=3)
+    sims.command("follower", Command(1.5, 1.2, 12.0), [1])
+    sims.step(15.0)
+    sims.command("follower", None, [1])
+    with pytest.raises(RuntimeError, match="too deep") as caught:
+        sims.step(2.0)
+    assert any("mission 1" in note for note in caught.value.__notes__)
+    assert sims.time[[0, 2]].tolist() == [17.0, 17.0]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+def test_missions_go_on_in_a_process_that_was_forked_off() -> None:
+    """Threads of the first process are not in the second."""
+    sims = Simulations(OPEN_LOOP, count=16)
+    sims.step(1.0)
+    child = os.fork()
+    if child == 0:
+        signal.alarm(30)
+        sims.step(1.0)
+        os._exit(int(sims.time.tolist() != [2.0] * 16))
+    assert os.waitpid(child, 0)[1] == 0
