@@ -18,10 +18,10 @@ from experiments.campaign.progress import compiling_shown
 from experiments.flight.fly import OUTCOME_BY_ERROR
 from experiments.flight.library import as_scenario, table_of_changes
 from experiments.flight.results import Flight
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Records
 from laisn.errors import LaisnError
 from laisn.messages import LeaderMessage, Ranges, Reception
-from laisn.swarm import reception_of
+from laisn.swarm import ESTIMATE, READING
 from reports.summary import flight_events, mirror_locked_steps, summarise
 from sim import attitude
 from sim.closed_loop import (
@@ -52,6 +52,7 @@ from sim.simulation import (
     WRENCH,
     DivergedError,
     EndedError,
+    InstantRecord,
     Mission,
     Observer,
     OutsideCommands,
@@ -133,16 +134,22 @@ class Start(NamedTuple):
     scenario: Scenario
     mission: Mission
     commands: OutsideCommands
+    seen: InstantRecord
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
         """Of a scenario; LaisnError if its mission cannot be controlled from outside."""
         mission = closed_loop_mission(scenario)
+        state = cast(AnyClosedLoop, mission.controller).state
         # `readings` hold it of all vehicles
-        cast(AnyClosedLoop, mission.controller).state.reads_roll[:] = True
+        state.reads_roll[:] = True
         commands = mission.take_commands()
+        seen = mission.keep_instants(
+            state.reading_values,
+            np.asarray(state.estimates).view(np.float64).reshape(len(state.estimates), -1),
+        )
         mission.advance(0)
-        return cls(scenario, mission, commands)
+        return cls(scenario, mission, commands, seen)
 
 
 class InstantNumbers(NamedTuple):
@@ -223,7 +230,7 @@ class Simulation:
             self._set_out(Start.of(self.scenario))
 
     def _set_out(self, start: Start) -> None:
-        self.scenario, self._mission, self._commands = start
+        self.scenario, self._mission, self._commands, self._seen = start
         self._loop = cast(AnyClosedLoop, self._mission.controller)
         self._outcome = Termination.INTERRUPTED
         # floor, areas and routes that end the mission if a vehicle leaves them
@@ -474,7 +481,6 @@ class Simulation:
         """By vehicle, what it has received at this instant on the link that it navigates on; None:
         nothing. The leader is among them if it senses under way.
         """
-        state = self._loop.state
         is_due = self._is_filter_step
         receptions: dict[str, Reception | None] = {}
         if self._leader is not None:
@@ -484,9 +490,10 @@ class Simulation:
             if is_due and isinstance(self._loop, PythonClosedLoop):
                 main = self.scenario.navigation_of(i).link
                 receptions[name] = self._loop.receptions(i).get(main)
-            elif is_due and state.arrived[i]:
-                inbox = state.inbox
-                receptions[name] = reception_of(inbox.message[i], inbox.ranges[i], {})
+            elif is_due:
+                last = self._last_received(i).tolist()
+                if last[0] == self.time:
+                    receptions[name] = Reception(*last_reception(last)[1:])
         return receptions
 
     def _last_received(self, follower: int) -> Floats:
@@ -495,7 +502,9 @@ class Simulation:
         if isinstance(self._loop, PythonClosedLoop):
             measured = self._loop.hearing_on(self._loop.group_of(follower).link).measured
         numbers = np.full(_RECEIVED_NUMBERS, np.nan)
-        last = measured.messages[follower] - 1
+        # compiled loops may have gone on beyond the end of the mission
+        steps = self._instant // self._loop.state.sensors.stride
+        last = measured.within(follower, steps).stop - 1
         if last >= 0:
             step = int(measured.message_step[follower, last])
             numbers[0] = round(step * self.scenario.timing.filter_step_s, 6)
@@ -515,15 +524,14 @@ class Simulation:
     def numbers(self) -> InstantNumbers:
         """All numbers of the present instant, not to be written to."""
         k = self._instant
-        state = self._loop.state
         truth = self._mission.truth
         return InstantNumbers(
             pose=truth.pose[k],
             twist=truth.twist[k],
             water=truth.water[k],
             effector_states=truth.effector_states[k],
-            readings=state.reading_values,
-            estimates=state.estimates.view(np.float64).reshape(len(state.estimates), -1),
+            readings=self._seen.readings_at[k],
+            estimates=self._seen.estimates_at[k],
             received=np.array([self._last_received(i) for i in range(len(self.names) - 1)]),
         )
 
@@ -542,8 +550,9 @@ class Simulation:
             readings["leader"] = readings_of(
                 self.time, leader.reading[0], received, custom, further
             )
+        rows: Records = self._seen.readings_at[self._instant].view(READING)[:, 0].view(np.recarray)
         for i, name in enumerate(self.names[1:]):
-            row = self._loop.state.readings[i]
+            row = rows[i]
             custom = self._custom_readings(i)
             further = self._further_receptions(i)
             readings[name] = readings_of(self.time, row, receptions[name], custom, further)
@@ -557,8 +566,10 @@ class Simulation:
         estimates: dict[str, Belief] = {}
         if self._leader is not None:
             estimates["leader"] = belief_of(self._leader.estimate[0])
+        rows: Records = self._seen.estimates_at[self._instant].view(ESTIMATE)[:, 0]
+        rows = rows.view(np.recarray)
         for i, name in enumerate(self.names[1:]):
-            estimates[name] = belief_of(self._loop.state.estimates[i])
+            estimates[name] = belief_of(rows[i])
         return estimates
 
     def reset(

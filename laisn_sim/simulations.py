@@ -302,10 +302,13 @@ class Simulations(Sequence[Simulation]):
         for failed in self._advance_groups(ends):
             failures |= failed
         for i, (sim, end) in enumerate(zip(self._sims, ends, strict=True)):
-            if end < 0 or i in failures:
+            if end < 0:
                 continue
             try:
-                sim.advance(end)
+                # with a failure, only looked at whether it ended before that
+                sim.advance(sim.mission.instants - 1 if i in failures else end)
+                if sim.done:
+                    failures.pop(i, None)
             except DivergedError:
                 # its outcome says so
                 continue

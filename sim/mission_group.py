@@ -114,6 +114,7 @@ def _advance_together(
             if failed[lane]:
                 some_failed = True
             else:
+                loop.seen.keep(k)
                 loop.instants[0] = k + 1
         if some_failed:
             return tick + 1

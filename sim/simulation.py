@@ -21,6 +21,7 @@ from laisn.compiled import compiled, copy_rows, jitable, method_by_type
 from laisn.errors import LaisnError
 from laisn.held import Held, held_values, refuse_copy
 from laisn.plugins import PluginError, class_and_file
+from laisn.spilled import spillable_zeros
 from sim import attitude
 from sim.assembly import routes_of, setups_of
 from sim.attitude import Pose, Twist, Vector
@@ -234,6 +235,7 @@ def _take_over(k: int, truth: StateHistory, i: int, routes: RouteControl) -> Non
 
 
 method_by_type("apply")
+method_by_type("keep")
 
 # what a vehicle is commanded from outside
 NOTHING, MOTION, WRENCH, EFFECTOR_STATES = range(4)
@@ -290,6 +292,41 @@ class NoCommands(NamedTuple):
         """Nothing."""
 
 
+class InstantRecord(NamedTuple):
+    """What f followers read and believe, and have at each of n instants."""
+
+    readings: Floats  # present records of `laisn.swarm.READING` as numbers, shape (f, 8)
+    estimates: Floats  # present records of `laisn.swarm.ESTIMATE` as numbers, shape (f, 11)
+    readings_at: Floats  # at all instants, shape (n, f, 8)
+    estimates_at: Floats  # at all instants, shape (n, f, 11)
+
+    @classmethod
+    def empty(cls, instants: int, readings: Floats, estimates: Floats) -> Self:
+        """With room for so many instants."""
+        return cls(
+            readings=readings,
+            estimates=estimates,
+            readings_at=spillable_zeros((instants, *readings.shape)),
+            estimates_at=spillable_zeros((instants, *estimates.shape)),
+        )
+
+    @compiled
+    def keep(self, k: int) -> None:
+        """Record those of instant k."""
+        copy_rows(self.readings, self.readings_at[k])
+        copy_rows(self.estimates, self.estimates_at[k])
+
+
+class NoInstantRecord(NamedTuple):
+    """In the place of `InstantRecord`, of a mission that nobody looks at under way."""
+
+    followers: int
+
+    @compiled
+    def keep(self, k: int) -> None:
+        """Nothing."""
+
+
 class LoopState(NamedTuple):
     """All that the loop of a mission works on."""
 
@@ -298,6 +335,7 @@ class LoopState(NamedTuple):
     environment: Environment
     controller: Controller
     outside: OutsideCommands | NoCommands
+    seen: InstantRecord | NoInstantRecord
     routes: RouteControl  # which holds the commands of all effectors
     truth: StateHistory
     instants: Ints  # how many are over, shape (1,)
@@ -320,6 +358,7 @@ def _simulate(first: int, last: int, loop: LoopState) -> tuple[int, Fault]:
         failed = loop.controller.control(k, loop.truth)
         if failed:
             return k, (NAVIGATION_FAILED, failed)
+        loop.seen.keep(k)
         loop.instants[0] = k + 1
     return last, (OK, -1)
 
@@ -416,6 +455,7 @@ class Mission:
             environment=plant.ocean.environment,
             controller=self.controller,
             outside=NoCommands(v),
+            seen=NoInstantRecord(v - 1),
             routes=self.routes,
             truth=self.truth,
             instants=self._instants,
@@ -436,6 +476,14 @@ class Mission:
         outside = OutsideCommands.none(*self.routes.command.shape)
         self._loop = self._loop._replace(outside=outside)
         return outside
+
+    def keep_instants(self, readings: Floats, estimates: Floats) -> InstantRecord:
+        """What followers read and believe at each instant from now on, by the arrays that hold what
+        they do at present; before the first instant.
+        """
+        seen = InstantRecord.empty(self.last + 1, readings, estimates)
+        self._loop = self._loop._replace(seen=seen)
+        return seen
 
     @property
     def instants(self) -> int:
@@ -513,16 +561,26 @@ class Mission:
     ) -> bool:
         """Advance until an instant, hulls touch or a vehicle leaves the bounds; whether one of
         these ends the mission, of which nothing later is kept then. Errors as of `advance`.
+
+        Parts in Python are called at no instant after such an end; compiled ones may be.
         """
-        try:
-            if self.instants <= min(last, self.last):
-                self.advance(last)
-        except DivergedError:
-            self._show_block()
-            raise
-        ended = self._end_within(self._looked_at, until_contact, bounds)
-        self._looked_at = self.instants
+        end = min(last, self.last)
+        at_once = 1 if self._held is None else self.last
+        ended = False
+        error: Exception | None = None
+        while not (ended or error):
+            try:
+                if self.instants <= end:
+                    self.advance(min(end, max(self.instants - 1, 0) + at_once))
+            except (DivergedError, ArithmeticError) as failure:
+                error = failure
+            ended = self._end_within(self._looked_at, until_contact, bounds)
+            self._looked_at = self.instants
+            if self.instants > end:
+                break
         self._show_block()
+        if error and not ended:
+            raise error
         return ended
 
     def _end_within(self, first: int, until_contact: bool, bounds: MissionBounds | None) -> bool:

@@ -34,14 +34,14 @@ class MeasurementRecord(NamedTuple):
             messages=np.zeros(followers, dtype=np.int64),
         )
 
-    def _within(self, follower: int, steps: int) -> slice:
-        """Messages that are in by the first steps."""
+    def within(self, follower: int, steps: int) -> slice:
+        """Which messages are in by the first steps, of a follower."""
         arrived = self.message_step[follower, : self.messages[follower]]
         return slice(0, int(np.searchsorted(arrived, steps, side="right")))
 
     def messages_of(self, follower: int, steps: int, offsets: Floats) -> LinkMessages:
         """The messages of the first steps, as of a further link with transmitters at `offsets`."""
-        messages = self._within(follower, steps)
+        messages = self.within(follower, steps)
         return LinkMessages(
             message_step=self.message_step[follower, messages],
             message=self.message[follower, messages],

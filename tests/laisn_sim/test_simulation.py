@@ -17,6 +17,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError
 from laisn.plugins import register
 from laisn_sim import Simulation, Wrench
+from sim.custom_control import Readings
 from sim.flight import FlightRecord, Termination
 
 STATIONS = [
@@ -510,3 +511,65 @@ def test_the_last_block_ends_where_hulls_touch() -> None:
     (block,) = blocks
     assert block.time[-1] == pytest.approx(sim.time)
     assert sim.time < 31.0
+
+
+# at 14 m of depth, where the floor lies, at instants between filter steps, too
+DIVING = {"ocean.floor_depth_m": 14.0, "acoustics.loss_probability": 0.0}
+
+
+def _dived(step_s: float, table: dict[str, Any], changes: dict[str, Any]) -> Simulation:
+    """A mission whose last follower dives to the floor, in steps of this length."""
+    sim = Simulation(table, {**DIVING, **changes})
+    sim.command(sim.names[-1], (0.0, 1.2, 40.0))
+    while not sim.done:
+        sim.step(step_s)
+    assert sim.outcome is Termination.GROUNDED
+    return sim
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    ("table", "changes"),
+    [
+        (OPEN_LOOP, {}),
+        (OPEN_LOOP, {"timing.filter_step_s": 0.5}),
+        (OPEN_LOOP, {"navigation.variant": "ekf"}),
+        (CLOSED_LOOP, {}),
+    ],
+    ids=["open loop", "filter steps of 0.5 s", "navigator in Python", "closed loop"],
+)
+def test_what_is_seen_at_an_early_end_is_of_that_instant(
+    table: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    """It does not depend on how far the step went on that ended the mission."""
+    slowly = _dived(0.1, table, changes)
+    at_once = _dived(20.0, table, changes)
+    assert 1.0 < at_once.time == slowly.time < 19.0
+    np.testing.assert_equal(at_once.readings, slowly.readings)
+    np.testing.assert_equal(at_once.estimates, slowly.estimates)
+    np.testing.assert_equal(at_once.receptions, slowly.receptions)
+    np.testing.assert_equal(at_once.latest, slowly.latest)
+    for name in at_once.names[1:]:
+        assert at_once.latest[name].time <= at_once.time
+
+
+class Diver:
+    """A controller that dives, and remembers when it was asked."""
+
+    asked: ClassVar[list[float]] = []
+
+    def __init__(self, _: object) -> None:
+        """Nothing is needed."""
+
+    def control(self, readings: Readings, belief: object, dt: float) -> laisn_sim.Command:
+        """Dive."""
+        self.asked.append(readings.time)
+        return laisn_sim.Command(0.0, 1.2, 40.0)
+
+
+def test_a_controller_is_not_asked_after_the_end_of_its_mission() -> None:
+    follower = {"route": "T5", "controller": register(Diver)}
+    Diver.asked.clear()
+    sim = Simulation({**OPEN_LOOP, "followers": [follower]}, DIVING).step(20.0)
+    assert sim.outcome is Termination.GROUNDED
+    assert Diver.asked[-1] == pytest.approx(sim.time)

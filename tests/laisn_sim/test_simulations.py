@@ -176,6 +176,8 @@ def test_a_mission_that_ends_early_does_not_hold_others_up() -> None:
     assert sims.done.all()
     assert sims.time.tolist() == [20.0, 20.0, ended, 20.0]
     assert -sims.truth["follower"].position[2, 2] > 14.0
+    assert sims.readings["follower"].depth[2] == pytest.approx(14.0, abs=0.2)
+    assert sims.latest["follower"].time[2] <= ended
     with pytest.raises(LaisnError, match="all missions have ended"):
         sims.step()
     alone = Simulation(OPEN_LOOP, {**DIRECT, "ocean.floor_depth_m": 14.0, "run": 3}).step(20.0)
@@ -515,3 +517,20 @@ def test_missions_go_on_in_a_process_that_was_forked_off() -> None:
         sims.step(1.0)
         os._exit(int(sims.time.tolist() != [2.0] * 16))
     assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.system
+def test_a_mission_that_has_ended_has_no_navigator_that_fails_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One dives to the floor; its navigator fails at the end of the step, as the group tells."""
+    advance = MissionGroup.advance
+
+    def failing(group: MissionGroup, ends: Any) -> dict[int, int]:
+        return {**advance(group, ends), 2: 1}
+
+    monkeypatch.setattr(MissionGroup, "advance", failing)
+    sims = Simulations(OPEN_LOOP, {"ocean.floor_depth_m": 14.0}, count=4)
+    sims.command("follower", Command(0.0, 1.2, 40.0), [2])
+    sims.step(19.0)
+    assert sims.outcomes[2] is Termination.GROUNDED
