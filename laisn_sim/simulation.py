@@ -56,6 +56,7 @@ from sim.simulation import (
     Mission,
     Observer,
     OutsideCommands,
+    require_physics,
     require_regular_end,
 )
 from sim.tracking import bounds_of
@@ -585,26 +586,28 @@ class Simulation:
         A log begins anew as well, and takes the place of the one before. LaisnError as of `load`,
         and if vehicles move as points: the mission is then as it was.
         """
-        self.set_out(self.start_anew(seed=seed, run=run, changes=changes))
+        self.set_out(self.scenario_anew(seed=seed, run=run, changes=changes))
         return self
 
-    def start_anew(
+    def scenario_anew(
         self,
         *,
         seed: int | None = None,
         run: int | None = None,
         changes: Mapping[str, Any] | None = None,
-    ) -> Start:
+    ) -> Scenario:
         """What `reset` sets out on, by its arguments; nothing has changed yet."""
         scenario = self.scenario
         noise = {"seed": seed, "run": run}
         changed = {key: value for key, value in noise.items() if value is not None}
         if changed or changes:
             scenario = as_scenario(scenario, {**table_of_changes(changes), **changed})
-        return Start.of(scenario)
+        require_physics(scenario)
+        return scenario
 
-    def set_out(self, start: Start) -> None:
-        """Set out anew; see `start_anew`."""
+    def set_out(self, scenario: Scenario) -> None:
+        """Set out anew on the mission of a scenario; see `scenario_anew`."""
+        start = Start.of(scenario)
         self._end_log()
         self._set_out(start)
 

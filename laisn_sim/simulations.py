@@ -5,8 +5,9 @@ mission, these give as arrays of all, and their vehicles move side by side.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, Self, SupportsIndex, TypeGuard, overload
@@ -34,7 +35,7 @@ from sim.flight import Termination
 from sim.mission_group import MissionGroup
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
-from sim.simulation import DivergedError, Mission, navigation_error
+from sim.simulation import DivergedError, Mission, navigation_error, new_mission
 from sim.vehicle.solvers import Engine
 
 Which = Sequence[int] | Sequence[bool] | Bools | Ints
@@ -143,6 +144,21 @@ def _for_each(value: Any, name: str, count: int) -> list[Any]:
     return values
 
 
+def _hulls(scenario: Scenario) -> tuple[object, ...]:
+    """What names of vehicles and numbers of effectors follow from."""
+    return scenario.leader.model, *((each.name, each.model) for each in scenario.followers)
+
+
+@contextmanager
+def _noting_mission(i: int) -> Iterator[None]:
+    """Say in a note of an error which mission it is of."""
+    try:
+        yield
+    except Exception as error:
+        error.add_note(f"mission {i}")
+        raise
+
+
 def _require_same_vehicles(missions: Iterable[Mission]) -> None:
     """LaisnError if vehicles of missions differ in names or numbers of effectors, which arrays of
     all have in common.
@@ -218,7 +234,8 @@ class Simulations(Sequence[Simulation]):
         with compiling_shown():
             for i, own in enumerate(tables):
                 all_changes = {**table_of_changes(changes), **own}
-                scenario = as_scenario(source, all_changes)
+                with _noting_mission(i):
+                    scenario = as_scenario(source, all_changes)
                 # one that is loaded of another names all keys
                 named = set(
                     (source if isinstance(source, Scenario) else scenario).timing.model_fields_set
@@ -317,7 +334,7 @@ class Simulations(Sequence[Simulation]):
         for i, failure in sorted(failures.items()):
             if isinstance(failure, ArithmeticError):
                 raise ArithmeticError(f"mission {i}: {failure}") from failure
-            failure.add_note(f"mission {i} of {len(self)}")
+            failure.add_note(f"mission {i}")
             raise failure
 
     @property
@@ -444,16 +461,18 @@ class Simulations(Sequence[Simulation]):
             tables,
             strict=True,
         )
-        starts = {
-            i: self._sims[i].start_anew(seed=own_seed, run=own_run, changes=changes)
-            for i, own_seed, own_run, changes in values
-        }
-        missions = {i: sim.mission for i, sim in enumerate(self._sims)}
-        _require_same_vehicles(
-            (missions | {i: start.mission for i, start in starts.items()}).values()
-        )
-        for i, start in starts.items():
-            self._sims[i].set_out(start)
+        scenarios = {}
+        for i, own_seed, own_run, changes in values:
+            with _noting_mission(i):
+                scenario = self._sims[i].scenario_anew(seed=own_seed, run=own_run, changes=changes)
+            scenarios[i] = scenario
+        present = {i: sim.scenario for i, sim in enumerate(self._sims)}
+        by_hulls = {_hulls(scenario): scenario for scenario in (present | scenarios).values()}
+        if len(by_hulls) > 1:
+            _require_same_vehicles(map(new_mission, by_hulls.values()))
+        for i, scenario in scenarios.items():
+            with _noting_mission(i):
+                self._sims[i].set_out(scenario)
         return self
 
     @property

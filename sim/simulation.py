@@ -762,16 +762,21 @@ def plant_of(
     return Plant(setups, ocean, motion.physics_step_s, motion.engine, settled=settled)
 
 
-def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:
-    """A scenario's mission before its first instant, of rigid bodies in water.
-
-    LaisnError if a route cannot be flown, the sea is impossible, or vehicles move as points.
-    """
+def require_physics(scenario: Scenario) -> None:
+    """LaisnError if vehicles move as points."""
     if scenario.motion != "physics":
         raise LaisnError(
             f"scenario {scenario.name!r}: motion is {scenario.motion!r}, whose path is no mission "
             "that can be controlled; expected 'physics'"
         )
+
+
+def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = None) -> Mission:
+    """A scenario's mission before its first instant, of rigid bodies in water.
+
+    LaisnError if a route cannot be flown, the sea is impossible, or vehicles move as points.
+    """
+    require_physics(scenario)
     return _mission_of(MotionSettings.of(scenario), scenario.leader, make_controller)
 
 

@@ -354,12 +354,17 @@ def test_arrays_belong_to_those_who_read_them() -> None:
         np.testing.assert_array_equal(array, value)
 
 
+# as fast as a BlueROV2 can go
+SLOWLY = {"leader.waypoints": [[0.0, 0.0, 0.0], [20.0, 6.0, 0.0]]}
+
+
 @pytest.mark.parametrize(
     ("each", "message"),
     [
         ({"ocean.current_speed_m_s": -1.0}, "current_speed_m_s"),
         ({"motion": "kinematic"}, "motion is 'kinematic'"),
         ({"followers.0.name": "other"}, "differ in names"),
+        ({"leader.model": "bluerov2_heavy", **SLOWLY}, "numbers of effectors"),
     ],
 )
 def test_a_reset_that_is_refused_changes_no_mission(each: dict[str, Any], message: str) -> None:
@@ -390,6 +395,14 @@ def test_a_command_that_is_refused_reaches_no_mission(command: Any, which: Any) 
     free = Simulations(OPEN_LOOP, count=3)
     free.step(10.0)
     np.testing.assert_array_equal(sims.truth["follower"].position, free.truth["follower"].position)
+
+
+def test_errors_of_a_scenario_say_in_a_note_which_mission_has_them() -> None:
+    with pytest.raises(LaisnError) as made:
+        Simulations(OPEN_LOOP, each=[{}, {"duration_s": "x"}])
+    with pytest.raises(LaisnError) as set_out:
+        Simulations(OPEN_LOOP, count=3).reset([2, 0], each=[{}, {"duration_s": "x"}])
+    assert (made.value.__notes__, set_out.value.__notes__) == (["mission 1"], ["mission 0"])
 
 
 def test_a_vehicle_is_asked_for_even_if_no_mission_is_commanded() -> None:
