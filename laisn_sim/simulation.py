@@ -52,10 +52,8 @@ from sim.simulation import (
     WRENCH,
     DivergedError,
     EndedError,
-    InstantRecord,
     Mission,
     Observer,
-    OutsideCommands,
     require_physics,
     require_regular_end,
 )
@@ -129,30 +127,6 @@ class LastReception(NamedTuple):
     ranges: Ranges
 
 
-class Start(NamedTuple):
-    """A mission at its first instant, before it is looked at or stepped."""
-
-    scenario: Scenario
-    mission: Mission
-    commands: OutsideCommands
-    seen: InstantRecord
-
-    @classmethod
-    def of(cls, scenario: Scenario) -> Self:
-        """Of a scenario; LaisnError if its mission cannot be controlled from outside."""
-        mission = closed_loop_mission(scenario)
-        state = cast(AnyClosedLoop, mission.controller).state
-        # `readings` hold it of all vehicles
-        state.reads_roll[:] = True
-        commands = mission.take_commands()
-        seen = mission.keep_instants(
-            state.reading_values,
-            np.asarray(state.estimates).view(np.float64).reshape(len(state.estimates), -1),
-        )
-        mission.advance(0)
-        return cls(scenario, mission, commands, seen)
-
-
 class InstantNumbers(NamedTuple):
     """What a mission of v vehicles and f followers is at, in numbers."""
 
@@ -212,7 +186,6 @@ class Simulation:
         recover` reads) and given its end and name at the end of the mission, by `close`, or when
         the process ends.
         """
-        self.scenario = as_scenario(source, changes)
         self._observers = [observers] if callable(observers) else list(observers)
         for observer in self._observers:
             if not callable(observer):
@@ -227,26 +200,43 @@ class Simulation:
             from laisn_sim.live import live_view
 
             self.live = live_view(live)
+        self._log: FlightLog | None = None
         with compiling_shown():
-            self._set_out(Start.of(self.scenario))
+            self.set_out(as_scenario(source, changes))
 
-    def _set_out(self, start: Start) -> None:
-        self.scenario, self._mission, self._commands, self._seen = start
-        self._loop = cast(AnyClosedLoop, self._mission.controller)
+    def set_out(self, scenario: Scenario) -> None:
+        """Set out anew on the mission of a scenario, as of `scenario_anew`; LaisnError, and nothing
+        has changed, if it cannot be controlled from outside.
+        """
+        mission = closed_loop_mission(scenario)
+        loop = cast(AnyClosedLoop, mission.controller)
+        # `readings` hold it of all vehicles
+        loop.state.reads_roll[:] = True
+        commands = mission.take_commands()
+        estimates = np.asarray(loop.state.estimates).view(np.float64)
+        seen = mission.keep_instants(
+            loop.state.reading_values, estimates.reshape(len(loop.state.estimates), -1)
+        )
+        mission.advance(0)
+        self._end_log()
+        self.scenario = scenario
+        self._mission = mission
+        self._loop = loop
+        self._commands = commands
+        self._seen = seen
         self._outcome = Termination.INTERRUPTED
         # floor, areas and routes that end the mission if a vehicle leaves them
-        self._bounds = bounds_of(MotionSettings.of(self.scenario))
+        self._bounds = bounds_of(MotionSettings.of(scenario))
         # what was flown until now, which grows with the mission
-        self._flown = ClosedLoopFlight(self.scenario, self._mission)
-        self._mission.observers = self._observers
-        self._log: FlightLog | None = None
+        self._flown = ClosedLoopFlight(scenario, mission)
+        mission.observers = self._observers
         if self._log_path is not None:
             self._log = FlightLog(self._log_path)
-            self._mission.observers = [self._write_log, *self._observers]
+            mission.observers = [self._write_log, *self._observers]
             # without a reference to this object
             self._at_exit = weakref.finalize(self, _interrupt_log, self._log, self._flown)
         if self.live:
-            self.live.begin(MissionPlan.of(self.scenario))
+            self.live.begin(MissionPlan.of(scenario))
 
     def _write_log(self, _: object) -> None:
         if self._log is not None and not self._log.ended:
@@ -602,14 +592,8 @@ class Simulation:
         changed = {key: value for key, value in noise.items() if value is not None}
         if changed or changes:
             scenario = as_scenario(scenario, {**table_of_changes(changes), **changed})
-        require_physics(scenario)
+        require_physics(scenario.name, scenario.motion)
         return scenario
-
-    def set_out(self, scenario: Scenario) -> None:
-        """Set out anew on the mission of a scenario; see `scenario_anew`."""
-        start = Start.of(scenario)
-        self._end_log()
-        self._set_out(start)
 
     def flight(self) -> Flight:
         """The flight until now, with a plot and a report, as `laisn_sim.fly` gives it.

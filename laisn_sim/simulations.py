@@ -33,7 +33,7 @@ from sim.custom_control import Belief, Command, Readings, Wrench, as_numbers
 from sim.feasibility import engine_errors
 from sim.flight import Termination
 from sim.mission_group import MissionGroup
-from sim.scenario.parts import MotionSettings
+from sim.scenario.parts import MissionPlan, MotionSettings
 from sim.scenario.settings import Scenario
 from sim.simulation import DivergedError, Mission, navigation_error, new_mission
 from sim.vehicle.solvers import Engine
@@ -144,9 +144,9 @@ def _for_each(value: Any, name: str, count: int) -> list[Any]:
     return values
 
 
-def _hulls(scenario: Scenario) -> tuple[object, ...]:
+def _hulls(plan: MissionPlan) -> tuple[object, ...]:
     """What names of vehicles and numbers of effectors follow from."""
-    return scenario.leader.model, *((each.name, each.model) for each in scenario.followers)
+    return plan.names, plan.models
 
 
 @contextmanager
@@ -467,7 +467,8 @@ class Simulations(Sequence[Simulation]):
                 scenario = self._sims[i].scenario_anew(seed=own_seed, run=own_run, changes=changes)
             scenarios[i] = scenario
         present = {i: sim.scenario for i, sim in enumerate(self._sims)}
-        by_hulls = {_hulls(scenario): scenario for scenario in (present | scenarios).values()}
+        chosen = [*(present | scenarios).values()]
+        by_hulls = {_hulls(MissionPlan.of(scenario)): scenario for scenario in chosen}
         if len(by_hulls) > 1:
             _require_same_vehicles(map(new_mission, by_hulls.values()))
         for i, scenario in scenarios.items():

@@ -762,12 +762,12 @@ def plant_of(
     return Plant(setups, ocean, motion.physics_step_s, motion.engine, settled=settled)
 
 
-def require_physics(scenario: Scenario) -> None:
-    """LaisnError if vehicles move as points."""
-    if scenario.motion != "physics":
+def require_physics(name: str, motion: str) -> None:
+    """LaisnError naming a scenario if its vehicles move as points."""
+    if motion != "physics":
         raise LaisnError(
-            f"scenario {scenario.name!r}: motion is {scenario.motion!r}, whose path is no mission "
-            "that can be controlled; expected 'physics'"
+            f"scenario {name!r}: motion is {motion!r}, whose path is no mission that can be "
+            "controlled; expected 'physics'"
         )
 
 
@@ -776,7 +776,7 @@ def new_mission(scenario: Scenario, make_controller: ControllerFactory | None = 
 
     LaisnError if a route cannot be flown, the sea is impossible, or vehicles move as points.
     """
-    require_physics(scenario)
+    require_physics(scenario.name, scenario.motion)
     return _mission_of(MotionSettings.of(scenario), scenario.leader, make_controller)
 
 

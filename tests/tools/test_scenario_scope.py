@@ -18,7 +18,7 @@ PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim")
 AT_THE_TOP = {
     # commands, and functions of users
     "laisn_sim/cli/fly.py": 3,
-    "laisn_sim/simulation.py": 1,
+    "laisn_sim/simulation.py": 2,
     "laisn_sim/simulations.py": 1,
     "experiments/flight/library.py": 2,
     "experiments/flight/results.py": 1,
@@ -108,4 +108,4 @@ def test_only_what_is_at_the_top_takes_a_whole_scenario() -> None:
         if count_by_module[module] < allowed
     }
     assert too_few == {}, "lower these numbers, so that they do not grow again"
-    assert count_by_module.total() <= 42
+    assert count_by_module.total() <= 43

@@ -470,7 +470,9 @@ def test_sea_is_a_function_of_its_seed() -> None:
 
 
 def test_too_high_a_regular_wave_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"height_m=3\.0 must lie between 0 and 2 m"):
+    """They break at a seventh of their length (Miche), in deep water 0.142 g T² / 2π."""
+    highest = 0.142 * 9.80665 * 3.0**2 / (2.0 * np.pi)
+    with pytest.raises(ValueError, match=rf"expected 0 to {highest:.3f} m, above which waves"):
         Waves.regular(height_m=3.0, period_s=3.0)
 
 
