@@ -141,7 +141,7 @@ class InstantNumbers(NamedTuple):
 
 
 def last_reception(numbers: Sequence[Any]) -> LastReception:
-    """Of its 14 numbers, or of arrays of them."""
+    """A reception of its numbers, time, message and ranges in order, or of arrays of them."""
     time, *content = numbers
     fields = len(LeaderMessage._fields)
     return LastReception(time, LeaderMessage(*content[:fields]), Ranges(*content[fields:]))

@@ -246,7 +246,7 @@ _COLUMNS_OF_ENDED = ("run", "touched", "ended")
 class _ClosedLoopRun(NamedTuple):
     """A run of a closed loop before its flight, and what its results follow from."""
 
-    run: int
+    number: int
     motion: MotionSettings
     stride: int  # control instants of a filter step
     message_every: int  # filter steps
@@ -258,7 +258,7 @@ def _set_out(runs: Sequence[tuple[Scenario, int]]) -> list[_ClosedLoopRun]:
     scenarios = [scenario.model_copy(update={"run": run}) for scenario, run in runs]
     return [
         _ClosedLoopRun(
-            run=scenario.run,
+            number=scenario.run,
             motion=MotionSettings.of(scenario),
             stride=round(scenario.timing.filter_step_s / CONTROL_STEP_S),
             message_every=scenario.message_every,
@@ -294,41 +294,41 @@ def records_of_runs(runs: Sequence[tuple[Scenario, int]]) -> list[list[Record] |
     return results
 
 
-def _records(closed_loop: _ClosedLoopRun) -> list[Record]:
+def _records(run: _ClosedLoopRun) -> list[Record]:
     """Results of `records_of_run` of a run that has not been flown, or to its end."""
-    run, motion, stride, message_every, mission = closed_loop
-    loop = cast(AnyClosedLoop, mission.controller)
+    stride = run.stride
+    loop = cast(AnyClosedLoop, run.mission.controller)
     ended = False
     try:
-        trajectory = fly_mission(motion, mission)
+        trajectory = fly_mission(run.motion, run.mission)
         filter_steps = (trajectory.time.size - 1) // stride
         estimates = np.moveaxis(loop.state.concluded.state[:, :filter_steps, :2], 0, 1)
         gated = loop.gated.tolist()
     except DivergedError:
-        raise CampaignError(f"run {run}: {Termination.DIVERGED.value}") from None
+        raise CampaignError(f"run {run.number}: {Termination.DIVERGED.value}") from None
     except EndedError as error:
         trajectory = error.trajectory
         ended = True
-        followers = len(motion.plan.followers)
+        followers = len(run.motion.plan.followers)
         estimates = np.full(((trajectory.time.size - 1) // stride, followers, 2), np.nan)
         gated = [0] * followers
     steps = slice(stride, len(estimates) * stride + 1, stride)
     leader = trajectory.position[steps, 0, :2]
     heading = trajectory.heading[steps, 0]
     rows = []
-    for i, facts in enumerate(facts_of(motion, trajectory)):
+    for i, facts in enumerate(facts_of(run.motion, trajectory)):
         estimate = estimates[:, i]
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position_error = metrics.position_errors(estimate, truth)
         bearing_error_deg = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
         locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
-            "run": run,
+            "run": run.number,
             "e_p_max_m": float(position_error.max()),
             "e_p_mean_m": float(position_error.mean()),
             "e_b_max_deg": float(bearing_error_deg.max()),
             "e_b_mean_deg": float(bearing_error_deg.mean()),
-            "mirror_locked": metrics.longest_mirror_lock(locked) >= message_every,
+            "mirror_locked": metrics.longest_mirror_lock(locked) >= run.message_every,
             "gated": gated[i],
             **facts,
             "ended": ended,
