@@ -92,7 +92,10 @@ def _require_current(sea: SeaSettings, path: PlannedPath) -> None:
         land = field.on_land(path.position[:, :2])
         if land.any():
             first = int(np.argmax(land))
-            raise LaisnError(f"ocean.current.file: {path.key} runs over land {path.at(first)}")
+            raise LaisnError(
+                f"ocean.current.file: {path.key} runs over land, where the file has no values, "
+                f"{path.at(first)}"
+            )
     east, north, up = path.position.T
     speed = np.hypot(*current_at(sea, east, north, -up, path.time).T)
     fastest = int(np.argmax(speed))

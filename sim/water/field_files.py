@@ -46,6 +46,7 @@ _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 # floating-point numbers that a program did not write have 9.96921e36, and are missing (NetCDF)
 _FILLED = 9.9e36
 _VALID_TOLERANCE = 1e-6  # of a bound of valid values, which may be rounded
+_SAME_MERIDIAN_DEG = 1e-6  # rounding of longitudes
 
 _DATE_PARTS = ("year", "month", "day", "hour", "minute")
 _DATE = re.compile(
@@ -587,7 +588,20 @@ def _horizontal_axes(
             f"{names[0]} and {names[1]} have units {units[0]!r} and {units[1]!r}; expected "
             "degrees_east and degrees_north, or m"
         )
-    return _sorted(source, names[0], east), _sorted(source, names[1], north)
+    once = np.arange(east.size)
+    if is_in_degrees(axes["X"]):
+        once = _each_meridian_once(values[0])
+    east_axis = _sorted(source, names[0], east[once])
+    east_axis = east_axis._replace(order=once[east_axis.order])
+    return east_axis, _sorted(source, names[1], north)
+
+
+def _each_meridian_once(longitude: Floats) -> Ints:
+    """Indices of longitudes, shape (i,), [°], without those a turn and more from the least: grids
+    of the globe may be closed by their first column, as of -180 and 180°.
+    """
+    beyond_a_turn = longitude - longitude.min(initial=np.inf) > 360.0 - _SAME_MERIDIAN_DEG
+    return np.flatnonzero(~beyond_a_turn)
 
 
 def _depth_axis(source: Source, axes: dict[str, Any], remarks: list[str]) -> _Axis:
@@ -746,12 +760,11 @@ def _read_current(
         for i, variable in enumerate(components):
             scale = _speed_scale(source, variable, remarks)
             velocity[..., i] = scale * _values(source, variable, axes, names, remarks)
-    no_value: Bools = np.asarray(~np.isfinite(velocity).all(axis=(0, 4)))
-    land: Bools = np.asarray(no_value.all(axis=0))
+    remarks_on_gaps, land = _fill_gaps(velocity, axes["T"].value, depth.value)
     if land.all():
         problem = f"{eastward.name} has no values about the mission: land, or no data"
         raise source.error("; ".join([problem, *remarks]))
-    _fill(velocity, no_value)
+    remarks += remarks_on_gaps
     grid = CurrentGrid(
         time=axes["T"].value,
         depth=depth.value,
@@ -800,13 +813,63 @@ def _extent(axes: dict[str, _Axis], names: dict[str, str]) -> str:
     return text
 
 
-def _fill(velocity: Floats, no_value: Bools) -> None:
-    """Give points without a value a velocity: below the floor that of the deepest level above it,
-    on land zero.
+def _fill_gaps(velocity: Floats, time: Floats, depth: Floats) -> tuple[list[str], Bools]:
+    """Give points without a velocity one: between levels, then between times, linearly; above the
+    first level that has one, and below the deepest, as below the floor, that of this level; before
+    the first time and after the last likewise; zero where there is none at any time.
+
+    Args:
+        velocity: shape (t, k, j, i, 2 or 3), [m/s]; NaN where there is none. Filled in place.
+        time, depth: shapes (t,), [s], and (k,), [m].
+
+    Returns:
+        What to remark, and which columns have no velocity at any time: land, shape (j, i).
     """
-    for k in range(1, no_value.shape[0]):
-        velocity[:, k][:, no_value[k]] = velocity[:, k - 1][:, no_value[k]]
+    # a velocity of which one horizontal component is missing is none; without the upward one it is
+    # still a current
+    for horizontal in velocity[..., :2]:
+        horizontal[np.isnan(horizontal).any(axis=-1)] = np.nan
+    is_dry = np.isnan(velocity[..., 0]).all(axis=1)  # shape (t, j, i)
+    land: Bools = np.asarray(is_dry.all(axis=0))
+    remarks = []
+    without_time = np.asarray(is_dry & ~land)
+    if without_time.any():
+        remarks.append(
+            f"{without_time.mean():.2g} of the columns of water lack values at a time, taken as "
+            "linear between the times that are read about it, or as the nearest of these"
+        )
+    for component in np.moveaxis(velocity, -1, 0):
+        _interpolate_gaps(np.moveaxis(component, 1, 0), depth)
+        _interpolate_gaps(component, time)
     velocity[np.isnan(velocity)] = 0.0
+    return remarks, land
+
+
+def _interpolate_gaps(values: Floats, axis: Floats) -> None:
+    """Replace NaN along the first axis of values, shape (n, …), in place: linear in `axis`, shape
+    (n,), between numbers, and the nearest number beyond them. Where all are NaN, they stay.
+    """
+    is_missing = np.isnan(values)
+    last = axis.size - 1
+    last_number = last - np.argmax(~is_missing[::-1], axis=0)
+    last_number[is_missing.all(axis=0)] = -1
+    for k in range(last + 1):
+        gaps = is_missing[k] & (last_number > k)
+        for later in range(k + 1, last + 1):
+            if not gaps.any():
+                break
+            ends = gaps & ~is_missing[later]
+            gaps &= ~ends
+            if k == 0:
+                values[k][ends] = values[later][ends]
+                continue
+            # what was filled before lies on the same line
+            start = values[k - 1][ends]
+            share = (axis[k] - axis[k - 1]) / (axis[later] - axis[k - 1])
+            values[k][ends] = start + share * (values[later][ends] - start)
+        if k > 0:
+            beyond = is_missing[k] & (last_number < k)
+            values[k][beyond] = values[k - 1][beyond]
 
 
 # the digest is only a key of the cache, as above

@@ -231,6 +231,99 @@ def test_packed_numbers_land_and_points_below_the_floor_are_read(tmp_path: Path)
     ]
 
 
+def late(depth: float, time: float) -> float:
+    """The mean depth whose velocity is met, of levels of which the upper one is missing an hour
+    after the start.
+    """
+    share = time / 3600.0
+    return (1.0 - share) * max(depth, 0.5) + share * max(depth, 10.0)
+
+
+# what is missing of times and levels, which are 0.5, 10 and 30 m deep, and the depth whose velocity
+# is met; the mission begins at the second time
+GAPS: dict[str, tuple[Any, Callable[[float, float], float]]] = {
+    "first level": (np.s_[:, 0], lambda depth, _: max(depth, 10.0)),
+    "middle level": (np.s_[:, 1], lambda depth, _: max(depth, 0.5)),
+    "last level": (np.s_[:, 2], lambda depth, _: min(max(depth, 0.5), 10.0)),
+    "a time of a level": (np.s_[2, 0], late),
+}
+
+
+@pytest.mark.parametrize("gap", GAPS)
+@pytest.mark.parametrize("component", ["uo", "vo"])
+def test_missing_levels_and_times_are_filled(gap: str, component: str, tmp_path: Path) -> None:
+    """The velocity is linear in depth and time, so that a gap between others has it exactly; above
+    the first level with values it is that of this level.
+    """
+    missing, depth_met = GAPS[gap]
+    dataset = model_output()
+    dataset[component][missing] = np.nan
+    file = write(dataset, tmp_path / "gaps.nc")
+    for depth in (0.0, 5.0, 10.0, 20.0):
+        for time in (0.0, 15.0):
+            actual = velocity_of(file, np.array([[0.0, 0.0, -depth]]), time)[0]
+            u = 0.1 - 0.002 * depth_met(depth, time)
+            v = -0.1 + 0.01 * (1.0 + time / 3600.0)
+            np.testing.assert_allclose(actual[:2], [u, v], atol=1e-9, rtol=0.0)
+
+
+def test_columns_that_lack_a_time_are_told_and_are_no_land(tmp_path: Path) -> None:
+    """The mission lies between the second and the fourth time; the third one is missing."""
+    dataset = model_output().assign_coords(
+        time=("time", [0.0, 1.0, 1.001, 3.0], {"units": "hours since 2026-06-30 23:00:00"})
+    )
+    dataset["vo"][:] = 0.1 * dataset.time.values[:, None, None, None]
+    dataset["vo"][2] = np.nan
+    file = write(dataset, tmp_path / "gaps.nc")
+    field = current_field(SeaSettings.of(laisn_sim.load(scenario_file(file))))
+    assert field is not None
+    assert not field.land.any()
+    # of the three times that are read
+    assert "0.33 of the columns of water lack values at a time" in field.report
+    for time in (0.0, 3.6, 20.0):
+        actual = velocity_of(file, np.zeros((1, 3)), time)[0]
+        assert actual[1] == pytest.approx(0.1 * (1.0 + time / 3600.0), abs=1e-9)
+
+
+def test_a_current_without_its_upward_part_is_a_current(tmp_path: Path) -> None:
+    """An upward velocity that is missing at the surface, as of levels between those of the others,
+    leaves the horizontal one.
+    """
+    dataset = model_output()
+    upward = np.full(dataset.uo.shape, 0.01)
+    upward[:, 0] = np.nan
+    attributes = {"standard_name": "upward_sea_water_velocity", "units": "m s-1"}
+    dataset["wo"] = (dataset.uo.dims, upward, attributes)
+    file = write(dataset, tmp_path / "upward.nc")
+    actual = velocity_of(file, np.array([[0.0, 0.0, -0.5]]), 0.0)[0]
+    np.testing.assert_allclose(actual, [0.1 - 0.002 * 0.5, -0.09, 0.01], atol=1e-9)
+
+
+@pytest.mark.parametrize("first", [-180.0, 0.0])
+def test_a_grid_of_the_globe_may_be_closed_by_its_first_column(
+    first: float, tmp_path: Path
+) -> None:
+    """At the points of the grid the velocity is what the file has there."""
+    longitude = np.arange(first, first + 360.1, 0.25)
+    latitude = np.arange(-89.0, 89.1, 0.25)
+    y, x = np.meshgrid(latitude, longitude, indexing="ij")
+    dims = ("latitude", "longitude")
+    units = {"units": "m s-1"}
+    dataset = xarray.Dataset(
+        {"uo": (dims, np.sin(np.deg2rad(x)), units), "vo": (dims, np.cos(np.deg2rad(y)), units)},
+        {
+            "latitude": ("latitude", latitude, {"units": "degrees_north"}),
+            "longitude": ("longitude", longitude, {"units": "degrees_east"}),
+        },
+    )
+    file = write(dataset, tmp_path / "globe.nc")
+    east = (18.5 - LONGITUDE) * DEGREE_EAST
+    north = (54.5 - LATITUDE) * DEGREE_NORTH
+    actual = velocity_of(file, np.array([[east, north, 0.0]]), 0.0)[0]
+    expected = [np.sin(np.deg2rad(18.5)), np.cos(np.deg2rad(54.5))]
+    np.testing.assert_allclose(actual[:2], expected, atol=1e-7)
+
+
 def test_only_what_a_mission_needs_is_read(tmp_path: Path) -> None:
     file = write(model_output(), tmp_path / "a.nc")
     field = current_field(SeaSettings.of(laisn_sim.load(scenario_file(file))))
