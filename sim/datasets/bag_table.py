@@ -39,12 +39,13 @@ class _Mapped:
     map_path: Path
     entries: Mapping[str, FieldEntry]
     series: Mapping[str, Series]  # of fields with a topic
+    constants: Mapping[str, float]  # of fields with a value
 
     def values_at(self, field: str, time_ns: Ints) -> Floats:
         """Values of a field at times, shape (n,); NaN where there is none."""
         entry = self.entries[field]
-        if entry.value is not None:
-            return np.full(time_ns.size, entry.value)
+        if field in self.constants:
+            return np.full(time_ns.size, self.constants[field])
         series = self.series[field]
         if entry.hold:
             return _last_value(series, time_ns)
@@ -83,11 +84,13 @@ def _origin(
     if field_map.settings.origin is not None:
         return field_map.settings.origin, []
     first = dict[str, float]()
-    for field, series in raw_series.items():
-        unit = field_map.entries[field].unit
-        finite = series.values[np.isfinite(series.values)]
-        if unit in (LATITUDE, LONGITUDE) and finite.size:
-            first.setdefault(unit, float(finite[0]))
+    for field, entry in field_map.entries.items():
+        if entry.unit not in (LATITUDE, LONGITUDE):
+            continue
+        values = np.array([entry.value]) if field not in raw_series else raw_series[field].values
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            first.setdefault(entry.unit, float(finite[0]))
     if len(first) < 2:
         return None, []
     origin = GeodeticOrigin(latitude_deg=first[LATITUDE], longitude_deg=first[LONGITUDE])
@@ -137,10 +140,22 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
         remarks += _order_remarks(str(entry.topic), raw)
+    constants = dict[str, float]()
+    for field, entry in field_map.entries.items():
+        if entry.value is None:
+            continue
+        try:
+            constants[field] = entry.constant(field, origin)
+        except ValueError as error:
+            raise LaisnError(f"{field_map.path}: {field}: {error}") from None
     series |= _derived(field_map, series)
     remarks = list(dict.fromkeys(remarks))
     return _Mapped(
-        path=path, map_path=field_map.path, entries=field_map.entries, series=series
+        path=path,
+        map_path=field_map.path,
+        entries=field_map.entries,
+        series=series,
+        constants=constants,
     ), remarks
 
 

@@ -25,7 +25,7 @@ from laisn.arrays import Floats
 from laisn.errors import LaisnError, printable, screenful, shortened
 from sim.attitude import FLATTENING, SEMI_MAJOR_AXIS
 from sim.datasets.range_data import text_of
-from sim.datasets.table_columns import ANGLE, FIELDS, NEEDED, quantity_of
+from sim.datasets.table_columns import FIELDS, NEEDED, quantity_of
 from sim.system import atomic_write
 
 PRESSURES = {
@@ -56,10 +56,11 @@ class FieldEntry(_Table):
     column: str | None = None  # of a text table, by its header
     topic: str | None = None  # of a bag
     field: str | None = None  # of the topic's messages, nested ones with dots
-    value: float | None = None  # a constant in their place, in SI units
+    value: float | None = None  # a constant in their place; without a unit in SI units
     derive: bool = False  # heading or speed of the leader by its places, in bags
     unit: str = ""  # one of `units_of`; "": SI units in bags, detected in text tables
-    # numbers are multiplied by `factor` and `offset` is added, before the unit is applied
+    # numbers are multiplied by `factor` and `offset` is added, before the unit is applied; to the
+    # angle of an orientation `offset` is added [rad]
     factor: float = 1.0
     offset: float = 0.0
     # compass: clockwise from north; yaw: anticlockwise from east
@@ -85,7 +86,8 @@ class FieldEntry(_Table):
         ValueError: the unit is none of the field's, or needs an `origin`.
         """
         if self.unit == QUATERNION:
-            return _angle_of(numbers, name)
+            angle = _angle_of(numbers, name) + self.offset
+            return np.mod(angle, 2.0 * np.pi) if name.endswith("heading") else angle
         values = numbers * self.factor + self.offset
         if self.unit in (LATITUDE, LONGITUDE):
             if origin is None:
@@ -104,6 +106,12 @@ class FieldEntry(_Table):
         if self.unit not in units:
             raise ValueError(f"unknown unit {self.unit!r}; expected {', '.join(units)}")
         return units.get(self.unit, 1.0)
+
+    def constant(self, name: str, origin: "GeodeticOrigin | None") -> float:
+        """The value of the field `name` in SI units where it is a constant; ValueError as of
+        `in_si`.
+        """
+        return float(self.in_si(np.array([self.value]), name, origin)[0])
 
     @property
     def is_plain(self) -> bool:
@@ -162,8 +170,7 @@ def _angle_of(xyzw: Floats, name: str) -> Floats:
         return np.asarray(np.arcsin(np.clip(2.0 * (x * z - w * y), -1.0, 1.0)))
     if name.endswith("roll"):
         return np.asarray(np.arctan2(2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)))
-    heading = np.arctan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z))
-    return np.asarray(np.mod(heading, 2.0 * np.pi))
+    return np.asarray(np.arctan2(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)))
 
 
 class _MapBase(_Table):
@@ -209,14 +216,31 @@ def _error_lines(error: ValidationError) -> list[str]:
 def _unit_errors(entries: Mapping[str, FieldEntry]) -> list[str]:
     lines = []
     for name, entry in entries.items():
-        if entry.unit and entry.value is None and entry.unit not in units_of(name):
+        if entry.unit and entry.unit not in units_of(name):
             lines.append(
                 f"  {name}.unit: expected {', '.join(units_of(name))} (given: {entry.unit!r})"
             )
-        if entry.angle != "compass" and quantity_of(name) is not ANGLE:
-            lines.append(f"  {name}.angle: {name} is no angle")
+        if entry.angle != "compass" and not name.endswith("heading"):
+            lines.append(f"  {name}.angle: {name} is no heading")
+        if entry.unit == QUATERNION:
+            lines += _orientation_errors(name, entry)
         if entry.derive and name not in ("leader_heading", "leader_speed"):
             lines.append(f"  {name}.derive: leader_heading and leader_speed only")
+    return lines
+
+
+def _orientation_errors(name: str, entry: FieldEntry) -> list[str]:
+    """Lines on what an entry states beside an orientation, which is none of its numbers."""
+    lines = []
+    if entry.value is not None:
+        lines.append(f"  {name}.value: a quaternion has four numbers; expected an angle")
+    if entry.factor != 1.0:
+        lines.append(f"  {name}.factor: no factor of a quaternion (given: {entry.factor:g})")
+    if entry.angle != "compass":
+        lines.append(
+            f"  {name}.angle: a quaternion is from forward, port, up to east, north, up; expected "
+            f"no angle (given: {entry.angle!r})"
+        )
     return lines
 
 

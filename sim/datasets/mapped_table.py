@@ -105,7 +105,7 @@ def _column(
     `location` names file and column, for messages.
     """
     entry = field_map.entries[field]
-    if entry.is_plain:
+    if entry.is_plain and entry.value is None:
         return Column(
             header=header,
             field=field,
@@ -113,7 +113,7 @@ def _column(
             values=values * entry.factor + entry.offset,
             where=location,
         )
-    if entry.angle == "yaw" and not entry.unit:
+    if entry.angle == "yaw" and not entry.unit and entry.value is None:
         raise LaisnError(f"{field_map.path}: {field}: a yaw needs its unit, deg or rad")
     try:
         converted = entry.in_si(values, field, origin)
@@ -199,13 +199,8 @@ def read_mapped_columns(path: Path, field_map: FieldMap) -> Columns:
                 where=location,
                 has_dates=True,
             )
-        elif entry.value is None:
-            fields[field] = _column(field_map, field, header, values, origin, location)
         else:
-            si = quantity_of(field).si
-            fields[field] = Column(
-                header=header, field=field, unit=si, values=values, where=location
-            )
+            fields[field] = _column(field_map, field, header, values, origin, location)
     unused = tuple(header for header in headers if header.strip() not in column_index)
     columns = Columns(path=path, time=time, fields=fields, has_dates=has_dates, unused=unused)
     has_conditions = any(entry.where for entry in field_map.entries.values())

@@ -323,6 +323,19 @@ def test_course_and_speed_follow_from_the_leaders_places(tmp_path: Path) -> None
     assert np.isnan(measured.ranges[:, 1]).all()
 
 
+def test_constants_have_the_units_that_are_stated(tmp_path: Path) -> None:
+    """A moored leader on the map: the first place is the origin; 10 ft are 3.048 m."""
+    leader = '[leader_depth]\nvalue = 10.0\nunit = "ft"\n[leader_speed]\nvalue = 0.0\n'
+    leader += '[leader_heading]\nvalue = 30.0\nunit = "deg"\n'
+    for name, unit, degrees in (("east", "longitude", 18.5), ("north", "latitude", 54.5)):
+        leader += f'[leader_{name}]\nvalue = {degrees}\nunit = "{unit}"\n'
+    messages = in_order(own_messages(), range_messages())
+    measured = read_by(MAP + leader + RANGE, messages, tmp_path)
+    assert measured.message[:, 1:3] == pytest.approx(0.0, abs=1e-9)
+    assert measured.message[:, 3] == pytest.approx(math.radians(30.0))
+    assert measured.message[:, 5] == pytest.approx(3.048)
+
+
 def test_a_held_value_is_the_last_one(tmp_path: Path) -> None:
     held = re.sub(r'(field = "pose.pose.position.x")', r"\1\nhold = true", LEADER)
     messages = in_order(own_messages(), leader_messages(), range_messages())

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from laisn.messages import LeaderMessage
 from laisn_sim.cli.main import app
 from sim.attitude import geodetic
 from sim.datasets.field_map import FieldEntry, GeodeticOrigin
@@ -222,6 +223,23 @@ BROKEN_MAPS = {
     "unit": ('[heading]\ncolumn = "HDG"\nunit = "m"', "heading.unit: expected rad, deg"),
     "yaw": ('[heading]\ncolumn = "HDG"\nangle = "yaw"', "a yaw needs its unit"),
     "angle": ('[heading]\ncolumn = "HDG"\nangle = "north"', "heading.angle"),
+    "yaw of a spread": (
+        '[heading]\ncolumn = "HDG"\n[leader_heading_sigma]\nvalue = 0.1\nangle = "yaw"',
+        "leader_heading_sigma.angle: leader_heading_sigma is no heading",
+    ),
+    "factor of a quaternion": (
+        '[heading]\ntopic = "/imu"\nfield = "a"\nunit = "quaternion"\nfactor = -1.0',
+        "heading.factor: no factor of a quaternion",
+    ),
+    "yaw of a quaternion": (
+        '[heading]\ntopic = "/imu"\nfield = "a"\nunit = "quaternion"\nangle = "yaw"',
+        "heading.angle: a quaternion is from forward, port, up to east, north, up",
+    ),
+    "constant quaternion": (
+        '[heading]\nvalue = 1.0\nunit = "quaternion"',
+        "heading.value: a quaternion has four numbers",
+    ),
+    "unit of a constant": ('[heading]\nvalue = 1.0\nunit = "m"', "heading.unit: expected rad, deg"),
     "lacking": ('[heading]\ncolumn = "HDG"', "lacks time, speed, depth"),
 }
 
@@ -251,6 +269,47 @@ def test_a_yaw_becomes_a_heading(tmp_path: Path) -> None:
     entry = FieldEntry(column="yaw", unit="deg", angle="yaw")
     heading = entry.in_si(np.array([0.0, 90.0, 120.0]), "heading", None)
     assert np.allclose(np.degrees(heading) % 360.0, [90.0, 0.0, 330.0])
+
+
+def test_a_declination_adds_to_the_heading_of_a_quaternion() -> None:
+    """A yaw of 120° is a compass heading of 330°; 45° of declination make it 15°. Pitch, nose up,
+    is a rotation of the other sign about the port axis.
+    """
+    half = np.deg2rad([60.0, 0.0])
+    yaw = np.array([[0.0, 0.0, np.sin(half[0]), np.cos(half[0])]])
+    entry = FieldEntry(topic="/imu", field="orientation", unit="quaternion", offset=math.pi / 4)
+    assert np.degrees(entry.in_si(yaw, "heading", None)) == pytest.approx([15.0])
+    nose_up = np.array([[0.0, -math.sin(0.05), 0.0, math.cos(0.05)]])
+    mounting = FieldEntry(topic="/imu", field="orientation", unit="quaternion", offset=-0.02)
+    assert mounting.in_si(nose_up, "leader_pitch", None) == pytest.approx([0.1 - 0.02])
+
+
+def test_constants_have_the_units_that_are_stated(tmp_path: Path) -> None:
+    """A moored leader: its heading in degrees, its depth in feet of 0.3048 m, its place on the
+    map, 0.001° from the origin.
+    """
+    table = write_table(tmp_path / "mine.csv")
+    (tmp_path / "map.toml").write_text(
+        "origin = { latitude_deg = 54.0, longitude_deg = 18.0 }\n"
+        '[time]\ncolumn = "Zeit"\nunit = "ms"\n[range_rear]\ncolumn = "R1"\n'
+        "[speed]\nvalue = 0.0\n[depth]\nvalue = 0.0\n[heading]\nvalue = 0.0\n"
+        '[leader_east]\nvalue = 18.001\nunit = "longitude"\n'
+        '[leader_north]\nvalue = 54.001\nunit = "latitude"\n'
+        '[leader_heading]\nvalue = 0.0\nunit = "deg"\nangle = "yaw"\n'
+        '[leader_speed]\nvalue = 0.0\n[leader_depth]\nvalue = 10.0\nunit = "ft"\n'
+    )
+    result = run(table, "--map", tmp_path / "map.toml", "--out", tmp_path / "mine.mcap")
+    assert result.exit_code == 0, result.output
+    rows = read_recording(tmp_path / "mine.mcap").measurements.message
+    message = LeaderMessage(*rows[0])
+    # metres of a degree there, by the series in latitude (Snyder, Map Projections, 1987, of WGS 84)
+    phi = np.deg2rad(54.0)
+    degree_east = 111412.84 * np.cos(phi) - 93.5 * np.cos(3 * phi) + 0.118 * np.cos(5 * phi)
+    degree_north = 111132.954 - 559.822 * np.cos(2 * phi) + 1.175 * np.cos(4 * phi)
+    assert message.east == pytest.approx(1e-3 * degree_east, abs=1e-3)
+    assert message.north == pytest.approx(1e-3 * degree_north, abs=1e-3)
+    assert message.heading == pytest.approx(math.pi / 2)
+    assert message.depth == pytest.approx(3.048)
 
 
 def test_altitudes_become_depths() -> None:
