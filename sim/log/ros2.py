@@ -531,11 +531,12 @@ def _sensed(context: _FlightContext, vehicle: int) -> Iterator[RosTopic]:
         speed,
     )
     water = density_of(flight.scenario.ocean)
-    specific_weight = flight.scenario.ocean.density_kg_m3 * GRAVITY  # [N/m³]
     read_at = np.flatnonzero(np.isfinite(m.depth))
+    density = np.array([water.density_at(depth) for depth in m.depth[read_at].tolist()])
+    specific_weight = density * GRAVITY  # [N/m³]
     pressure = {
         "fluid_pressure": SURFACE_PRESSURE_PA + water.pressures_at(m.depth[read_at]),
-        "variance": np.full(read_at.size, (specific_weight * errors.depth_sigma_m) ** 2),
+        "variance": np.square(specific_weight * errors.depth_sigma_m),
     }
     yield _numbers(
         context,

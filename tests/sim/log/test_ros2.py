@@ -251,6 +251,30 @@ def test_covariances_of_log_and_compass_are_the_mean_squares_of_their_errors(
         assert pose.pose.covariance[35] == expected
 
 
+def test_the_variance_of_a_pressure_is_by_the_water_at_its_depth(tmp_path: Path) -> None:
+    """Of a pressure p(z), with dp/dz = g ρ(z), and a depth with errors of σ: (g ρ σ)²."""
+    pytest.importorskip("gsw")
+    (tmp_path / "cast.csv").write_text("depth [m],density [kg/m3]\n0,1000\n40,1040\n")
+    flown, _ = fly(
+        as_scenario(
+            {
+                "duration_s": 5.0,
+                "motion": "kinematic",
+                "ocean": {"density": {"file": str(tmp_path / "cast.csv")}},
+                "sensors": {"depth_sigma_m": 0.2},
+                "followers": [{"route": "T5", "depth_m": 20.0}],
+            }
+        )
+    )
+    messages = by_rosbags(export(flown, tmp_path))["/follower/pressure"]
+    pressure = np.array([message.fluid_pressure for _, message in messages])
+    variance = np.array([message.variance for _, message in messages])
+    depth = flown.measurements[0].depth
+    weight = 9.81 * (1000.0 * depth + 0.5 * depth**2)
+    np.testing.assert_allclose(pressure - 101325.0, weight, rtol=1e-9)
+    np.testing.assert_allclose(variance, (9.81 * (1000.0 + depth) * 0.2) ** 2, rtol=1e-9)
+
+
 def test_a_vehicle_at_030_and_nose_up_points_there(tmp_path: Path) -> None:
     """REP 103, by hand: at a compass heading of 30°, 20° nose up, forward is 30° east of north and
     up by 20°, and port is level, to the north-west.
