@@ -16,6 +16,7 @@ import numpy as np
 from laisn.arrays import Floats
 from sim.attitude import metres_per_degree
 from sim.water.field_files import (
+    METRES_PER_SECOND,
     FieldError,
     FieldOrigin,
     Source,
@@ -47,10 +48,18 @@ class CastQuantity(NamedTuple):
     units: dict[str, tuple[float, float]]  # factor and offset; "" if none is given
 
 
-_TEMPERATURE_UNITS = dict.fromkeys(
-    ("", "degc", "deg_c", "celsius", "degree_celsius", "degrees_celsius", "°c", "c", "degrees c"),
-    (1.0, 0.0),
-) | dict.fromkeys(("k", "kelvin", "degk"), (1.0, -273.15))
+# the spellings of UDUNITS, by which CF states units, and those with a space
+_CELSIUS = (
+    *("degc", "deg_c", "celsius", "degree_celsius", "degrees_celsius", "degree_c", "degrees_c"),
+    *("degree celsius", "degrees celsius", "degree c", "degrees c", "deg c", "°c", "c"),
+)
+_KELVIN = (
+    *("k", "kelvin", "kelvins", "degree_kelvin", "degrees_kelvin"),
+    *("degree_k", "degrees_k", "deg_k", "degk"),
+)
+_TEMPERATURE_UNITS = dict.fromkeys(("", *_CELSIUS), (1.0, 0.0)) | dict.fromkeys(
+    _KELVIN, (1.0, -273.15)
+)
 _SALINITY_UNITS = dict.fromkeys(
     ("", "1", "psu", "1e-3", "0.001", "g/kg", "g kg-1", "pss-78", "ppt", "‰", "pss"), (1.0, 0.0)
 ) | {"kg/kg": (1000.0, 0.0), "kg kg-1": (1000.0, 0.0)}
@@ -65,7 +74,9 @@ _PRESSURE_UNITS = dict.fromkeys(("", "dbar", "decibar", "db"), (1.0, 0.0)) | {
 _DENSITY_UNITS = dict.fromkeys(
     ("", "kg/m3", "kg/m³", "kg/m^3", "kg m-3", "kg m^-3", "kg m**-3"), (1.0, 0.0)
 ) | {"g/cm3": (1000.0, 0.0), "g cm-3": (1000.0, 0.0)}
-_SPEED_UNITS = dict.fromkeys(("", "m/s", "m s-1", "meter/second", "m_s"), (1.0, 0.0))
+_SPEED_UNITS = dict.fromkeys(
+    ("", "m/s", "m s-1", "meter/second", "m_s", *METRES_PER_SECOND), (1.0, 0.0)
+)
 
 CAST_QUANTITIES = {
     "speed": CastQuantity(

@@ -33,14 +33,20 @@ _LENGTH_UNITS = {"m": 1.0, "meter": 1.0, "metre": 1.0, "meters": 1.0, "metres": 
 _EAST_UNITS = ("degrees_east", "degree_east", "degrees_e", "degreee", "degree_e")
 _NORTH_UNITS = ("degrees_north", "degree_north", "degrees_n", "degreen", "degree_n")
 _PLAIN_DEGREES = ("degree", "degrees", "deg")
+METRES_PER_SECOND = (
+    *("m/s", "m s-1", "m s^-1", "m.s-1", "m s**-1", "ms-1", "m/sec"),
+    *("meter/second", "meters/second", "metre/second", "metres/second"),
+    *("meter second-1", "metre second-1"),
+)
 _SPEED_UNITS = {
-    **dict.fromkeys(("m/s", "m s-1", "m s^-1", "m.s-1", "meter/second", "meters/second"), 1.0),
-    **dict.fromkeys(("meter second-1", "metre second-1", "m s**-1", "ms-1"), 1.0),
+    **dict.fromkeys(METRES_PER_SECOND, 1.0),
     **dict.fromkeys(("cm/s", "cm s-1", "cm s^-1", "centimeter/second"), 0.01),
 }
 _TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0}
 _TIME_UNITS |= {"h": 3600.0, "hour": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0}
 _TIME_UNITS |= {"days": 86400.0}
+# xarray writes times that lie less than a second apart in these
+_TIME_UNITS |= {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _FLOOR_FOLLOWING = re.compile(r"ocean_(s|sigma|sigma_z|double_sigma)_coordinate")
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 # floating-point numbers that a program did not write have 9.96921e36, and are missing (NetCDF)

@@ -59,11 +59,38 @@ def mackenzie(temperature: float, salinity: float, depth: float) -> float:
 
 
 @pytest.mark.parametrize(
+    ("units", "unit_offset"),
+    [("degrees_C", 0.0), ("degree_Celsius", 0.0), ("Celsius", 0.0), ("degrees_K", 273.15)],
+)
+def test_temperatures_have_the_spellings_of_cf(
+    units: str, unit_offset: float, tmp_path: Path
+) -> None:
+    """As ocean models write them (`thetao` of CMEMS: degrees_C); at 10 m potential and in-situ
+    temperatures are within 0.002 K, which Mackenzie's equation does not tell apart.
+    """
+    depth, temperature = np.array([0.5, 5.0, 10.0]), np.array([18.0, 15.0, 8.0])
+    dataset = xarray.Dataset(
+        {
+            "thetao": ("depth", temperature + unit_offset, {"units": units}),
+            "so": ("depth", np.full(3, 35.0), {"units": "1e-3"}),
+        },
+        {"depth": ("depth", depth, {"units": "m"})},
+    )
+    cast = sound_cast(laisn_sim.load(scenario(write(dataset, tmp_path / "cf.nc"))).ocean)
+    assert cast is not None
+    expected = [mackenzie(t, 35.0, z) for t, z in zip(temperature, depth, strict=True)]
+    np.testing.assert_allclose(cast.points[:, 1], expected, atol=0.15)
+
+
+@pytest.mark.parametrize(
     ("header", "unit_offset", "separator"),
     [
         ("Depth [m],Temperature [°C],Salinity", 0.0, ","),
         ("depth_m;temp_K;psal", 273.15, ";"),
         ("z\tt\ts", 0.0, "\t"),
+        ("Depth (m),Temp (deg C),Sal (PSU)", 0.0, ","),
+        ("Depth (m),Temp (degrees_C),Sal (PSU)", 0.0, ","),
+        ("Depth (m),Temp (degrees_kelvin),Sal (PSU)", 273.15, ","),
     ],
 )
 def test_columns_are_recognised_by_their_usual_names(

@@ -267,6 +267,22 @@ def test_missing_levels_and_times_are_filled(gap: str, component: str, tmp_path:
             np.testing.assert_allclose(actual[:2], [u, v], atol=1e-9, rtol=0.0)
 
 
+def test_times_are_read_as_xarray_writes_them_closer_than_a_second(tmp_path: Path) -> None:
+    """Half seconds become milliseconds since a date there."""
+    dataset = model_output()
+    start = np.datetime64("2026-07-01T00:00:00", "ns")
+    time = start + np.arange(0, 60_000, 20_000).astype("timedelta64[ms]")
+    time[1] += np.timedelta64(500, "ms")
+    dataset = dataset.isel(time=slice(0, 3)).assign_coords(time=time)
+    dataset["vo"][:] = np.array([0.0, 0.205, 0.4])[:, None, None, None]
+    file = write(dataset, tmp_path / "fine.nc")
+    with xarray.open_dataset(file, decode_times=False) as written:
+        assert written.time.attrs["units"].startswith("milliseconds since")
+    for moment, expected in ((10.25, 0.1025), (20.0, 0.2)):
+        actual = velocity_of(file, np.zeros((1, 3)), moment)[0, 1]
+        assert actual == pytest.approx(expected, abs=1e-9)
+
+
 def test_columns_that_lack_a_time_are_told_and_are_no_land(tmp_path: Path) -> None:
     """The mission lies between the second and the fourth time; the third one is missing."""
     dataset = model_output().assign_coords(
