@@ -49,7 +49,12 @@ class _Mapped:
         series = self.series[field]
         if entry.hold:
             return _last_value(series, time_ns)
-        return _interpolated(series, time_ns, is_angle=quantity_of(field) is ANGLE)
+        is_angle = quantity_of(field) is ANGLE
+        values = _interpolated(series, time_ns, is_angle=is_angle)
+        if is_angle and not field.endswith("heading"):
+            # pitch and roll have signs; only headings count to a whole turn
+            values = np.where(values > np.pi, values - 2.0 * np.pi, values)
+        return values
 
 
 def _last_value(series: Series, time_ns: Ints) -> Floats:

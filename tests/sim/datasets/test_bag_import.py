@@ -15,7 +15,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
-from laisn.messages import LinkMessages
+from laisn.messages import LeaderMessage, LinkMessages
 from laisn_sim.cli.main import app
 from sim.datasets.map_proposal import propose_for_bag
 from sim.flight import VehicleRecord
@@ -334,6 +334,24 @@ def test_constants_have_the_units_that_are_stated(tmp_path: Path) -> None:
     assert measured.message[:, 1:3] == pytest.approx(0.0, abs=1e-9)
     assert measured.message[:, 3] == pytest.approx(math.radians(30.0))
     assert measured.message[:, 5] == pytest.approx(3.048)
+
+
+def test_a_pitch_between_two_readings_keeps_its_sign(tmp_path: Path) -> None:
+    """A leader that lowers its nose by 0.1° a second from -2°, on an IMU at 4 Hz."""
+    messages = in_order(own_messages(), leader_messages(), range_messages())
+    for k in range(80):
+        time_ns = START_NS + 250_000_000 * k
+        # heading east, a rotation about the port axis lowers the nose
+        half = math.radians(2.0 + 0.025 * k) / 2.0
+        orientation = {"x": 0.0, "y": math.sin(half), "z": 0.0, "w": math.cos(half)}
+        imu = stamped(time_ns, "leader", orientation=orientation)
+        messages.append(("/leader/imu", "sensor_msgs/msg/Imu", time_ns, imu))
+    pitch = '[leader_pitch]\ntopic = "/leader/imu"\nfield = "orientation"\nunit = "quaternion"\n'
+    measured = read_by(MAP + LEADER + RANGE + pitch, in_order(messages), tmp_path)
+    # heard 0.1 s after a second
+    expected = np.deg2rad(-2.0 - 0.1 * (1.1 + np.arange(18)))
+    column = LeaderMessage._fields.index("pitch")
+    assert measured.message[:, column] == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_held_value_is_the_last_one(tmp_path: Path) -> None:
