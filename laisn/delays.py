@@ -13,8 +13,12 @@ from laisn.arrays import Floats
 from laisn.messages import LeaderMessage, Ranges
 from laisn.settings import Settings
 
-LONGEST_DELAY = 5.0
-"""Of a message that seems to have been longer under way the sender's clock is another one [s]."""
+LONGEST_DELAY = 20.0
+"""Of a message that seems to have been longer under way the sender's clock is another one [s].
+
+A message of 10 s with pings 2 s apart takes 14 s beside the way of its sound."""
+NEGLIGIBLE_DELAY = 1e-3
+"""An arrival within this time is now [s]."""
 SMOOTHING_TIME = 1.5
 """The speed over the pings is the log's exponential mean over this time [s]."""
 MEAN_SPEED_SIGMA = 0.03

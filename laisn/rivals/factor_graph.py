@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
+from laisn.delays import NEGLIGIBLE_DELAY
 from laisn.errors import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.navigators import GTSAM
@@ -76,18 +77,27 @@ class _Ping(NamedTuple):
     drift_time: float  # as of `Delays` [s]
     water_velocity: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
     ahead: Floats  # unit vector of the heading by the compass, shape (2,)
+    # whether that velocity has a random error, a variable of the message
+    has_velocity_error: bool
 
 
 def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] | None) -> Floats:
     """ρ (1 + c / max z) − z of a pose (p, b_θ), the error c of its message, the log's bias, the
-    current, and perhaps the error of the leader's position, true less broadcast.
+    current, perhaps the random error of the velocity over the pings, along the course and to
+    starboard, and perhaps the error of the leader's position, true less broadcast.
     """
-    key, common, log_bias, current, *origin = factor.keys()
+    key, common, log_bias, current, *further = factor.keys()
+    velocity_error = further[:1] if ping.has_velocity_error else []
+    origin = further[len(velocity_error) :]
     pose = values.atPose2(key)
     rotation = pose.rotation().matrix()
     scale = 1.0 + values.atDouble(common) / ping.longest
     ahead = rotation @ ping.ahead
+    # columns: unit vectors along the course and to starboard
+    course = np.column_stack([ahead, -_QUARTER_TURN @ ahead])
     water_velocity = rotation @ ping.water_velocity - values.atDouble(log_bias) * ahead
+    for error_key in velocity_error:
+        water_velocity = water_velocity + course @ values.atPoint2(error_key)
     displacement = ping.lag * water_velocity + ping.drift_time * values.atPoint2(current)
     for error_key in origin:
         displacement = displacement + values.atPoint2(error_key)
@@ -99,7 +109,9 @@ def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] 
         jacobians[1] = np.array([[rho / ping.longest]])
         jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
         jacobians[3] = -scale * ping.drift_time * direction[None]
-        for i in range(len(origin)):
+        for i in range(len(velocity_error)):
+            jacobians[4 + i] = -scale * ping.lag * direction[None] @ course
+        for i in range(len(velocity_error), len(further)):
             jacobians[4 + i] = -scale * direction[None]
     return np.array([scale * rho - ping.range])
 
@@ -178,6 +190,14 @@ class FactorGraph(DeadReckoning):
         range_noise = self._sigma(settings.range_sigma)
         longest = float(ranges[received].max())
         keys = [self._pose, common, self._log_bias, self._current]
+        has_velocity_error = bool(np.any(self._delays.lag[received] > NEGLIGIBLE_DELAY))
+        if has_velocity_error:
+            velocity_error = gtsam.symbol("e", self._n_messages)
+            sigmas = np.sqrt(self._variances_over_pings(own))
+            noise_of_velocity = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, 1e-6))
+            graph.add(gtsam.PriorFactorPoint2(velocity_error, np.zeros(2), noise_of_velocity))
+            values.insert(velocity_error, np.zeros(2))
+            keys.append(velocity_error)
         place_sigma = self._leader_position_variance(reception) ** 0.5
         if place_sigma > 0.0:
             origin = gtsam.symbol("o", self._n_messages)
@@ -189,7 +209,15 @@ class FactorGraph(DeadReckoning):
         for i in received.tolist():
             delays = float(self._delays.lag[i]), float(self._delays.drift_time[i])
             water_velocity = self._mean_speed.speed * ahead
-            ping = _Ping(transmitters[i], float(ranges[i]), longest, *delays, water_velocity, ahead)
+            ping = _Ping(
+                transmitters[i],
+                float(ranges[i]),
+                longest,
+                *delays,
+                water_velocity,
+                ahead,
+                has_velocity_error,
+            )
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:
             self._smoother.update(

@@ -247,6 +247,40 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         speed = self._mean_speed.speed - self.x[2]
         return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
 
+    def _variances_over_pings(self, own: OwnMotion) -> tuple[float, float]:
+        """Variances of what `_velocity_over_pings` errs at random, along the course and across it
+        [m²/s²].
+        """
+        settings = self.settings
+        east, north = self._velocity_over_pings(own)
+        along = self._mean_speed.variance(settings.dt, settings.speed_sigma)
+        return along, settings.heading_sigma**2 * (east**2 + north**2)
+
+    def _fill_delay_terms(
+        self, H: Floats, directions: Floats, received: Ints, own: OwnMotion
+    ) -> Floats:
+        """Fill in the derivatives of r ranges by biases and current over the delays; returns the
+        covariance of what else errs over them, shape (r, r), [m²].
+
+        `H` are the rows of these ranges, shape (r, 7), `directions` their derivatives by the place,
+        shape (r, 2), `received` the indices of their transmitters, shape (r,).
+        """
+        lag = self._delays.lag[received]
+        east, north = self._velocity_over_pings(own)
+        heading = own.heading - self.x[3]
+        ahead = np.array([math.sin(heading), math.cos(heading)])
+        starboard = np.array([ahead[1], -ahead[0]])
+        H[:, 2] = lag * (directions @ ahead)
+        H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
+        if self.settings.assume.current:
+            H[:, 5:7] = -self._delays.drift_time[received, None] * directions
+        axial = lag * (directions @ ahead)
+        across = lag * (directions @ starboard)
+        variance, lateral_variance = self._variances_over_pings(own)
+        return np.asarray(
+            variance * np.outer(axial, axial) + lateral_variance * np.outer(across, across)
+        )
+
     def _leader_position_variance(self, reception: Reception) -> float:
         """As the function of this name, by the navigator's settings."""
         return leader_position_variance(self.settings, reception.message)
@@ -375,30 +409,6 @@ class RangeFilter(DeadReckoning):
         self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
 
-    def _fill_delay_terms(
-        self, H: Floats, directions: Floats, received: Ints, own: OwnMotion
-    ) -> Floats:
-        """Fill in the derivatives of the ranges by biases and current over the delays; returns the
-        covariance of what else errs over them.
-        """
-        settings: TightSettings = self.settings
-        lag = self._delays.lag[received]
-        east, north = self._velocity_over_pings(own)
-        heading = own.heading - self.x[3]
-        ahead = np.array([math.sin(heading), math.cos(heading)])
-        starboard = np.array([ahead[1], -ahead[0]])
-        H[:, 2] = lag * (directions @ ahead)
-        H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
-        if settings.assume.current:
-            H[:, 5:7] = -self._delays.drift_time[received, None] * directions
-        axial = lag * (directions @ ahead)
-        across = lag * (directions @ starboard)
-        variance = self._mean_speed.variance(settings.dt, settings.speed_sigma)
-        lateral_variance = settings.heading_sigma**2 * (east**2 + north**2)
-        return np.asarray(
-            variance * np.outer(axial, axial) + lateral_variance * np.outer(across, across)
-        )
-
 
 class OneWayTravelTime(RangeFilter):
     """The same filter on the range to one transmitter, from the one-way travel time of its ping.
@@ -476,7 +486,8 @@ class InvertedUsbl(DeadReckoning):
     transmitter; of the front transmitter, as the sensor measures it. An azimuth has the random
     error of the compass beside its own (M. Morgado, P. Oliveira, C. Silvestre, J. F. Vasconcelos,
     Embedded vehicle dynamics aiding for USBL/INS underwater navigation, IEEE Trans. Control Syst.
-    Technol. 22(1), 2014).
+    Technol. 22(1), 2014). The sensor reads at the step of the message: where the ping arrived
+    before, the range alone is of that time, and has the errors of speed and course since then.
     """
 
     def _update(
@@ -495,15 +506,21 @@ class InvertedUsbl(DeadReckoning):
         if not np.isfinite([azimuth, elevation, z]).all():
             return False
         rho, direction = slant(self.x, transmitter)
-        east, north = transmitter[:2] - self.x[:2]
+        # `transmitter` has moved with the follower since the ping arrived: its source has not
+        lag = float(self._delays.lag[1])
+        source = transmitter.copy()
+        source[:2] -= lag * (self._velocity_over_pings(own) + self.x[5:7])
+        source_distance, _ = slant(self.x, source)
+        east, north = source[:2] - self.x[:2]
         horizontal_distance = math.hypot(east, north)
         up = -float(transmitter[2])
         H = np.zeros((3, STATES))
         H[0, :2] = direction
         H[0, 4] = 1.0
+        delay_variance = self._fill_delay_terms(H[:1], H[:1, :2], np.array([1]), own)
         H[1, :2] = (-north / horizontal_distance**2, east / horizontal_distance**2)
         H[1, 3] = 1.0
-        H[2, :2] = up / rho**2 * np.array([east, north]) / horizontal_distance
+        H[2, :2] = up / source_distance**2 * np.array([east, north]) / horizontal_distance
         expected = math.atan2(east, north) - own.heading + self.x[3]
         innovation = [
             z - rho - self.x[4],
@@ -518,5 +535,6 @@ class InvertedUsbl(DeadReckoning):
             ]
         )
         R += self._leader_position_variance(reception) * H[:, :2] @ H[:, :2].T
+        R[:1, :1] += delay_variance
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True

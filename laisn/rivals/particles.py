@@ -14,6 +14,7 @@ particle are its place x, y, the biases b_v of the log, b_θ of the compass and 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +35,17 @@ MIN_SHARE = 0.1
 SMALLEST_POWER = 2.0**-10
 RESAMPLED_SHARE = 0.5
 """Particles are resampled after an update where fewer than this share of them count."""
+
+
+class SinceArrival(NamedTuple):
+    """What happened since r pings left and arrived, for each particle by its own biases."""
+
+    lag: Floats  # how long ago each arrived, shape (r,), [s]
+    drift_time: Floats  # for how long the current has carried both vehicles, shape (r,), [s]
+    speed: float  # of the follower through the water, as the log reads [m/s]
+    ahead: Floats  # unit vector of its heading as the compass reads, shape (2,)
+    # of the random error of that velocity, along the course and across it [m²/s²]
+    variances: tuple[float, float]
 
 
 @compiled
@@ -68,27 +80,45 @@ def move(
 
 @compiled
 def log_likelihood(
-    particles: Floats, transmitters: Floats, ranges: Floats, sigma: tuple[float, float, float]
+    particles: Floats,
+    transmitters: Floats,
+    ranges: Floats,
+    sigma: tuple[float, float, float],
+    since: SinceArrival,
 ) -> Floats:
     """log N(z; h, S) of all ranges, but for a constant, shape (N,), with
-    S = σ² I + σ_s² s sᵀ + σ_L² u uᵀ.
+    S = σ² I + σ_s² s sᵀ + σ_L² u uᵀ + σ_a² a aᵀ + σ_c² k kᵀ.
 
-    h_j = |p − t_j| + s_j b_r, with s_j the range by the longest measured one and u_j the horizontal
-    direction from transmitter j. `transmitters` are east, north, depth below the hydrophone, shape
-    (m, 3), of the m received `ranges`, shape (m,), [m]; `sigma` are σ, σ_s and σ_L [m].
+    h_j = |p − t_j − l_j v − m_j c| + s_j b_r, with s_j the range by the longest measured one, u_j
+    the horizontal direction from transmitter j, v the particle's velocity through the water, and
+    l_j and m_j the lag and drift time of `since`; a_j and k_j are l_j times the parts of u_j along
+    and across v, σ_a² and σ_c² the variances of `since`. `transmitters` are east, north, depth
+    below the hydrophone, shape (m, 3), of the m received `ranges`, shape (m,), [m]; `sigma` are σ,
+    σ_s and σ_L [m].
     """
     n_ranges = ranges.size
     longest = ranges.max()
     residual = np.empty(n_ranges)
     share = np.empty(n_ranges)
     direction = np.empty((n_ranges, 2))
+    along = np.empty(n_ranges)
+    across = np.empty(n_ranges)
     lower = np.empty((n_ranges, n_ranges))
     out = np.empty(particles.shape[0])
     for i in range(particles.shape[0]):
         p = particles[i]
+        sine = np.sin(p[3])
+        cosine = np.cos(p[3])
+        ahead_east = since.ahead[0] * cosine - since.ahead[1] * sine
+        ahead_north = since.ahead[0] * sine + since.ahead[1] * cosine
+        speed = since.speed - p[2]
         for j in range(n_ranges):
-            east = p[0] - transmitters[j, 0]
-            north = p[1] - transmitters[j, 1]
+            # as if the ping had left so much farther on, and had been received here and now
+            way = since.lag[j] * speed
+            moved_east = way * ahead_east + since.drift_time[j] * p[5]
+            moved_north = way * ahead_north + since.drift_time[j] * p[6]
+            east = p[0] - (transmitters[j, 0] + moved_east)
+            north = p[1] - (transmitters[j, 1] + moved_north)
             rho = np.sqrt(east * east + north * north + transmitters[j, 2] * transmitters[j, 2])
             share[j] = rho / longest
             residual[j] = ranges[j] - rho - share[j] * p[4]
@@ -96,14 +126,20 @@ def log_likelihood(
             inverse = 1.0 / rho if rho > 0.0 else 0.0
             direction[j, 0] = inverse * east
             direction[j, 1] = inverse * north
+            along[j] = since.lag[j] * (direction[j, 0] * ahead_east + direction[j, 1] * ahead_north)
+            across[j] = since.lag[j] * (
+                direction[j, 0] * ahead_north - direction[j, 1] * ahead_east
+            )
         # S = L Lᵀ, L y = z − h: the exponent is −yᵀ y / 2, the determinant that of L squared
         nis = 0.0
         log_determinant = 0.0
         for j in range(n_ranges):
             rest = residual[j]
             for k in range(j + 1):
-                cosine = direction[j, 0] * direction[k, 0] + direction[j, 1] * direction[k, 1]
-                covariance = sigma[1] ** 2 * share[j] * share[k] + sigma[2] ** 2 * cosine
+                between = direction[j, 0] * direction[k, 0] + direction[j, 1] * direction[k, 1]
+                covariance = sigma[1] ** 2 * share[j] * share[k] + sigma[2] ** 2 * between
+                covariance += since.variances[0] * along[j] * along[k]
+                covariance += since.variances[1] * across[j] * across[k]
                 if j == k:
                     covariance += sigma[0] ** 2
                 for m in range(k):
@@ -191,6 +227,7 @@ class ParticleFilter(DeadReckoning):
     """
 
     KEEPS_READINGS = True  # those of log and compass, for `_odometry`
+    MOVES_TRANSMITTERS = False  # `log_likelihood` does, for each particle
 
     def __init__(self, settings: RivalSettings, start: Floats) -> None:
         """As of `DeadReckoning`."""
@@ -262,11 +299,18 @@ class ParticleFilter(DeadReckoning):
             settings.range_scale_sigma,
             math.sqrt(self._leader_position_variance(reception)),
         )
+        since = SinceArrival(
+            self._delays.lag[received],
+            self._delays.drift_time[received],
+            self._mean_speed.speed,
+            np.array([math.sin(own.heading), math.cos(own.heading)]),
+            self._variances_over_pings(own),
+        )
         self._move(random)
         remaining_power = 1.0
         while True:
             logarithm = log_likelihood(
-                self.particles, transmitters[received], ranges[received], sigma
+                self.particles, transmitters[received], ranges[received], sigma, since
             )
             power = remaining_power
             weights = reweighted(self.weights, logarithm, power)

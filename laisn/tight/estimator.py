@@ -14,6 +14,7 @@ import numpy as np
 
 from laisn import mixture
 from laisn.compiled import compiled
+from laisn.delays import LONGEST_DELAY, NEGLIGIBLE_DELAY
 from laisn.estimates import HYPOTHESES
 from laisn.geometry import SinCos, sin_cos_of, tilted_arms
 from laisn.tight import motion
@@ -497,11 +498,6 @@ def _check_consistency(
     return True
 
 
-# of a message that seems to have been longer under way the sender's clock is another one [s]
-_LONGEST_DELAY = 5.0
-_NEGLIGIBLE_DELAY = 1e-3  # an arrival within this time is now [s]
-
-
 @compiled
 def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
     """Write into `message` how long ago each ping arrived, `lag`, and for how long the current has
@@ -516,7 +512,7 @@ def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
             last = max(last, i * m.ping_slot + m.sound_slowness * message.ranges[i])
     elapsed = b.motion.clock - message.time
     # zero states no time
-    if message.time == 0.0 or not last <= elapsed <= _LONGEST_DELAY:
+    if message.time == 0.0 or not last <= elapsed <= LONGEST_DELAY:
         elapsed = last
     for i in range(m.transmitters):
         message.lag[i] = message.drift_time[i] = 0.0
@@ -526,7 +522,7 @@ def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
             # begins with the message and not with this ping, the current has carried both vehicles
             message.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
             message.drift_time[i] = max(elapsed - travel_time, 0.0)
-            if message.drift_time[i] > _NEGLIGIBLE_DELAY:
+            if message.drift_time[i] > NEGLIGIBLE_DELAY:
                 message.late = 1
 
 
