@@ -135,7 +135,7 @@ def count_stored() -> int:
 
 
 def count_compiled() -> int:
-    """The same, and those that this process has compiled for their callers alone."""
+    """The same, and those that this process and its forks have compiled for their callers alone."""
     return count_stored() + count_nested()
 
 

@@ -11,10 +11,12 @@ stored before.
 # mypy: allow-untyped-calls
 
 import ctypes
+import mmap
 import threading
 from importlib import import_module
 from typing import Any
 
+import numpy as np
 from numba.core import sigutils, typed_passes, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.cpu import CPUContext
@@ -41,7 +43,8 @@ class _Compiling(threading.local):
 
 
 _compiling = _Compiling()
-_names_of_nested: list[str] = []
+# number of functions compiled for their callers alone; processes that are forked share its memory
+_nested_count = np.frombuffer(mmap.mmap(-1, 8), dtype=np.int64)
 
 
 def has_callers() -> bool:
@@ -52,8 +55,10 @@ def has_callers() -> bool:
 
 
 def count_nested() -> int:
-    """Number of functions that this process has compiled for their callers alone."""
-    return len(_names_of_nested)
+    """Number of functions that this process, and those that it has forked, have compiled for their
+    callers alone.
+    """
+    return int(_nested_count[0])
 
 
 def _all_needed(libraries: list[Any]) -> list[Any]:
@@ -204,7 +209,7 @@ def nest(jit: Any, *, apart: bool) -> None:
         if isinstance(result.library, NestedLibrary):
             for_callers[kinds] = result
             jit.overloads[kinds] = result
-            _names_of_nested.append(jit.py_func.__qualname__)
+            _nested_count[0] += 1
         else:
             on_its_own[kinds] = result
             add_overload(result)

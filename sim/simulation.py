@@ -881,7 +881,7 @@ def starts_of(motion: MotionSettings, transmitter_keys: Leader) -> Trajectory:
     Transmitters are as of `setups_of`; LaisnError if a route cannot be flown, or the sea is none.
     """
     routes = routes_of(motion.plan)
-    plant = plant_of(motion, routes, transmitter_keys)
+    plant = plant_of(motion, routes, transmitter_keys, settled=False)
     return simulate_points(motion.plan.names, routes, 2.0 * CONTROL_STEP_S, plant)
 
 
@@ -906,6 +906,6 @@ def simulate_open_loop(
     if motion.kind == "physics":
         return fly_mission(motion, _mission_of(motion, transmitter_keys), progress)
     routes = routes_of(motion.plan)
-    plant = plant_of(motion, routes, transmitter_keys)
+    plant = plant_of(motion, routes, transmitter_keys, settled=False)
     trajectory = simulate_points(motion.plan.names, routes, motion.plan.duration_s, plant)
     return _require_no_contact(trajectory) if motion.contact == "end" else trajectory

@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple, Self, TypedDict, Unpack
 
@@ -28,6 +29,7 @@ from laisn.simd import LANES
 from sim.scenario.parts import MotionSettings
 from sim.scenario.settings import Scenario
 from sim.side_by_side import groups_for_lanes
+from sim.simulation import simulate_open_loop
 from sim.system import background_process
 from sim.trajectory import Trajectory
 
@@ -194,15 +196,25 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
     return trajectory
 
 
-def compile_ahead(plan: CellPlan, *, in_lanes: bool = False) -> None:
-    """Compile here, with a notice, what each process would else compile for itself before its
-    first result.
-    """
+def compile_motion(plan: CellPlan, facts: Facts | None, *, in_lanes: bool) -> None:
+    """Compile what moves the mission of a cell, alone or beside others, and measures its facts."""
     short = plan.scenario.first_messages
-    with compiling_shown(), plugin_errors():
+    with plugin_errors():
         motion = montecarlo.simulate_missions([short])[0] if in_lanes else None
         motion = montecarlo.simulate_mission(short) if motion is None else motion
-        compute(motion, [replace(plan, scenario=short, runs=1)])
+        if facts:
+            facts(MotionSettings.of(short), motion)
+
+
+def compile_cells(plans: Sequence[CellPlan]) -> None:
+    """Compile what senses and navigates in cells, along the point motion of their missions, which
+    needs nothing that `compile_motion` compiles.
+    """
+    for plan in plans:
+        short = plan.scenario.first_messages
+        points = replace(MotionSettings.of(short), kind="kinematic")
+        with plugin_errors():
+            compute(simulate_open_loop(points), [replace(plan, scenario=short, runs=1)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -434,24 +446,54 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
     )
 
 
+class TaskCompilers(NamedTuple):
+    """Functions that compile what tasks need."""
+
+    alone: Callable[[], object]
+    side_by_side: Callable[[], object]
+
+
 def _compile_before(
     campaign: _Campaign,
     workers: int,
-    compile_tasks: Callable[[bool], object] | None,
+    task_compilers: TaskCompilers | None,
     together: Sequence[SideBySide],
 ) -> None:
     """Compile once what each worker would else compile for itself."""
-    if campaign.missing_cells and FOLDER:
+    parts = list[Callable[[], object]]()
+    missing_cells = campaign.missing_cells
+    if missing_cells:
         groups = campaign.lane_groups(workers)
-        first = groups[0][0] if groups else campaign.missing_cells[0]
-        compile_first = partial(compile_ahead, first, in_lanes=bool(groups))
-        # The compiler's memory goes with its process. Where that dies, the results are computed all
-        # the same, and what is at fault with them is told there.
-        with suppress(BrokenProcessPool), background_process() as process:
-            process.submit(compile_first).result()
-    if campaign.missing_tasks and compile_tasks:
-        with compiling_shown():
-            compile_tasks(bool(campaign.task_groups(together, workers)))
+        first = groups[0][0] if groups else missing_cells[0]
+        parts.append(partial(compile_motion, first, campaign.facts, in_lanes=bool(groups)))
+        # lanes compile all navigators that fly in them at once
+        by_navigator = dict[str, CellPlan]()
+        for plan in missing_cells:
+            variant = plan.scenario.navigation.variant
+            by_navigator.setdefault("" if find(variant).lanes else variant, plan)
+        parts.append(partial(compile_cells, list(by_navigator.values())))
+    if campaign.missing_tasks and task_compilers:
+        parts.append(task_compilers.alone)
+        if campaign.task_groups(together, workers):
+            parts.append(task_compilers.side_by_side)
+    _compile_in_processes(parts, workers)
+
+
+def _compile_in_processes(parts: Sequence[Callable[[], object]], workers: int) -> None:
+    """Compile parts in `workers` processes at most, with a notice."""
+    # The compiler's memory goes with its process. Where that dies, the results are computed all the
+    # same, and what is at fault with them is told there.
+    with ExitStack() as ending:
+        processes = [
+            ending.enter_context(background_process()) for _ in range(min(len(parts), workers))
+        ]
+        ending.enter_context(compiling_shown())
+        compiling = [
+            process.submit(part) for part, process in zip(parts, cycle(processes), strict=False)
+        ]
+        for result in compiling:
+            with suppress(BrokenProcessPool):
+                result.result()
 
 
 def fly(
@@ -461,7 +503,7 @@ def fly(
     *,
     facts: Facts | None = None,
     together: Sequence[SideBySide] = (),
-    compile_tasks: Callable[[bool], object] | None = None,
+    task_compilers: TaskCompilers | None = None,
     tolerant: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> CampaignResults:
@@ -474,8 +516,8 @@ def fly(
         folder: of the results; made if it does not exist.
         facts: measured of every mission of the cells.
         together: tasks that may be computed side by side.
-        compile_tasks: compiles in this process what each worker would else compile for itself
-            before its first task; it is told whether some are computed side by side.
+        task_compilers: compile what each worker would else compile for itself before its first
+            task.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
@@ -499,8 +541,8 @@ def fly(
         pool.size = 1
     missing = campaign.missing_cells, campaign.missing_missions, campaign.missing_tasks
     pool.size = min(pool.size, max(1, *map(len, missing)))
-    if cluster is None and not quiet:
-        _compile_before(campaign, pool.size, compile_tasks, together)
+    if cluster is None and not quiet and FOLDER:
+        _compile_before(campaign, pool.size, task_compilers, together)
     with ExitStack() as ending:
         # workers are killed if something fails
         ending.callback(store.remove_unfinished)

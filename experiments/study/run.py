@@ -16,7 +16,13 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.campaign import campaign
-from experiments.campaign.campaign import CampaignResults, ExecutionOptions, SideBySide, Task
+from experiments.campaign.campaign import (
+    CampaignResults,
+    ExecutionOptions,
+    SideBySide,
+    Task,
+    TaskCompilers,
+)
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
 from experiments.flight.fly import fly
@@ -195,14 +201,14 @@ def fly_studies(
     cells = [cell for flight in flights for cell in flight.cells]
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
     closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
-    compile_tasks = partial(_compile_runs, closed_loop_entry) if closed_loop_entry else None
+    task_compilers = _task_compilers(closed_loop_entry) if closed_loop_entry else None
     campaign_results = campaign.fly(
         cells,
         tasks,
         folder,
         facts=facts_of,
         together=[flight.together for flight in flights if flight.tasks],
-        compile_tasks=compile_tasks,
+        task_compilers=task_compilers,
         tolerant=True,
         **options,
     )
@@ -220,12 +226,11 @@ def _records_of_tasks(tasks: Sequence[Task]) -> list[list[Record] | None]:
     return records_of_runs([task.args for task in tasks])
 
 
-def _compile_runs(entry: PlanEntry, side_by_side: bool) -> None:
-    """Compile what runs of an entry in closed loop need, alone or side by side."""
+def _task_compilers(entry: PlanEntry) -> TaskCompilers:
+    """What compiles what runs of an entry in closed loop need."""
     short = entry.scenario.first_messages
-    fly(short)
-    if side_by_side:
-        records_of_runs([(short, run) for run in range(1, LANES + 1)])
+    runs = [(short, run) for run in range(1, LANES + 1)]
+    return TaskCompilers(partial(fly, short), partial(records_of_runs, runs))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -210,7 +210,7 @@ def test_a_fault_of_a_plugin_names_file_line_and_calls(
     assert any(line.endswith("in run") for line in lines)
 
 
-def end_the_process(_: object, **__: object) -> None:
+def end_the_process(*_: object, **__: object) -> None:
     os._exit(1)
 
 
@@ -220,7 +220,7 @@ def end_the_process(_: object, **__: object) -> None:
 def test_a_fault_is_told_also_where_the_process_that_compiles_ahead_dies(
     workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(campaign, "compile_ahead", end_the_process)
+    monkeypatch.setattr(campaign, "compile_motion", end_the_process)
     write(further="1 / 0")
     arguments = ["study", "T5", *OPTIONS, "--vary", "followers.0.depth_m=10,11"]
     result = command(*arguments, "--runs", "1", "--workers", str(workers))

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from zipfile import ZipFile
 
 import numpy as np
@@ -57,6 +58,27 @@ def test_what_processes_need_is_compiled_before_they_are_timed(
     monkeypatch.setattr(campaign, "compute", note)
     run(plans()[:1], tmp_path / "out", workers=1, quiet=quiet)
     assert calls_file.read_text().splitlines() == [*compiled, f"{DURATION} 5 here"]
+
+
+def meet(folder, name, others):
+    """Note the process that this part runs in, and wait until so many others have come."""
+    (folder / f"{name} {os.getpid()}").touch()
+    ends = time.monotonic() + 30.0
+    while len([*folder.iterdir()]) <= others:
+        assert time.monotonic() < ends
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_parts_are_compiled_side_by_side_in_processes_of_their_own(tmp_path, workers):
+    """Two parts: each of two processes begins one before the other has ended."""
+    processes = min(workers, 2)
+    parts = [partial(meet, tmp_path, name, processes - 1) for name in ("first", "second")]
+    campaign._compile_in_processes(parts, workers)
+    numbers = {path.name.split()[1] for path in tmp_path.iterdir()}
+    assert len([*tmp_path.iterdir()]) == 2
+    assert len(numbers) == processes
+    assert str(os.getpid()) not in numbers
 
 
 @pytest.mark.system
