@@ -23,6 +23,7 @@ from experiments.campaign.pool import Pool
 from experiments.campaign.progress import compiling_shown
 from experiments.campaign.store import Arrays, CampaignError, Record, Result, Store, key_of
 from laisn.compiled import FOLDER
+from laisn.errors import LaisnError
 from laisn.navigators import find
 from laisn.plugins import plugin_errors, plugins_version
 from laisn.simd import LANES
@@ -199,11 +200,10 @@ def mission(scenario: Scenario, store: Store) -> Trajectory:
 def compile_motion(plan: CellPlan, facts: Facts | None, *, in_lanes: bool) -> None:
     """Compile what moves the mission of a cell, alone or beside others, and measures its facts."""
     short = plan.scenario.first_messages
-    with plugin_errors():
-        motion = montecarlo.simulate_missions([short])[0] if in_lanes else None
-        motion = montecarlo.simulate_mission(short) if motion is None else motion
-        if facts:
-            facts(MotionSettings.of(short), motion)
+    motion = montecarlo.simulate_missions([short])[0] if in_lanes else None
+    motion = montecarlo.simulate_mission(short) if motion is None else motion
+    if facts:
+        facts(MotionSettings.of(short), motion)
 
 
 def compile_cells(plans: Sequence[CellPlan]) -> None:
@@ -213,8 +213,7 @@ def compile_cells(plans: Sequence[CellPlan]) -> None:
     for plan in plans:
         short = plan.scenario.first_messages
         points = replace(MotionSettings.of(short), kind="kinematic")
-        with plugin_errors():
-            compute(simulate_open_loop(points), [replace(plan, scenario=short, runs=1)])
+        compute(simulate_open_loop(points), [replace(plan, scenario=short, runs=1)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -446,17 +445,17 @@ def _cells_job(batch: Sequence[CellPlan], *, depends_on_mission: bool) -> Job:
     )
 
 
-class TaskCompilers(NamedTuple):
-    """Functions that compile what tasks need."""
+class FlightCompilers(NamedTuple):
+    """Functions of modules that compile what flies beside cells."""
 
-    alone: Callable[[], object]
-    side_by_side: Callable[[], object]
+    alone: Callable[[], object]  # a task, or a single flight that is looked at afterwards
+    side_by_side: Callable[[], object] | None  # tasks together
 
 
 def _compile_before(
     campaign: _Campaign,
     workers: int,
-    task_compilers: TaskCompilers | None,
+    compilers: FlightCompilers | None,
     together: Sequence[SideBySide],
 ) -> None:
     """Compile once what each worker would else compile for itself."""
@@ -472,24 +471,31 @@ def _compile_before(
             variant = plan.scenario.navigation.variant
             by_navigator.setdefault("" if find(variant).lanes else variant, plan)
         parts.append(partial(compile_cells, list(by_navigator.values())))
-    if campaign.missing_tasks and task_compilers:
-        parts.append(task_compilers.alone)
-        if campaign.task_groups(together, workers):
-            parts.append(task_compilers.side_by_side)
+    if compilers and (missing_cells or campaign.missing_tasks):
+        parts.append(compilers.alone)
+        if compilers.side_by_side and campaign.task_groups(together, workers):
+            parts.append(compilers.side_by_side)
     _compile_in_processes(parts, workers)
+
+
+def _compile(part: Callable[[], object]) -> None:
+    """Compile a part as far as it can be flown: what cannot is told where results are computed."""
+    with suppress(LaisnError), plugin_errors():
+        part()
 
 
 def _compile_in_processes(parts: Sequence[Callable[[], object]], workers: int) -> None:
     """Compile parts in `workers` processes at most, with a notice."""
-    # The compiler's memory goes with its process. Where that dies, the results are computed all the
-    # same, and what is at fault with them is told there.
+    # the compiler's memory goes with its process; where that dies, the results are computed all the
+    # same
     with ExitStack() as ending:
         processes = [
             ending.enter_context(background_process()) for _ in range(min(len(parts), workers))
         ]
         ending.enter_context(compiling_shown())
         compiling = [
-            process.submit(part) for part, process in zip(parts, cycle(processes), strict=False)
+            process.submit(_compile, part)
+            for part, process in zip(parts, cycle(processes), strict=False)
         ]
         for result in compiling:
             with suppress(BrokenProcessPool):
@@ -503,7 +509,7 @@ def fly(
     *,
     facts: Facts | None = None,
     together: Sequence[SideBySide] = (),
-    task_compilers: TaskCompilers | None = None,
+    compilers: FlightCompilers | None = None,
     tolerant: bool = False,
     **options: Unpack[ExecutionOptions],
 ) -> CampaignResults:
@@ -516,8 +522,7 @@ def fly(
         folder: of the results; made if it does not exist.
         facts: measured of every mission of the cells.
         together: tasks that may be computed side by side.
-        task_compilers: compile what each worker would else compile for itself before its first
-            task.
+        compilers: compile, beside what cells need, what each worker would else compile for itself.
         tolerant: go on without what cannot be flown.
         options: as of `ExecutionOptions`.
 
@@ -542,7 +547,7 @@ def fly(
     missing = campaign.missing_cells, campaign.missing_missions, campaign.missing_tasks
     pool.size = min(pool.size, max(1, *map(len, missing)))
     if cluster is None and not quiet and FOLDER:
-        _compile_before(campaign, pool.size, task_compilers, together)
+        _compile_before(campaign, pool.size, compilers, together)
     with ExitStack() as ending:
         # workers are killed if something fails
         ending.callback(store.remove_unfinished)

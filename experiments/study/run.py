@@ -19,9 +19,9 @@ from experiments.campaign import campaign
 from experiments.campaign.campaign import (
     CampaignResults,
     ExecutionOptions,
+    FlightCompilers,
     SideBySide,
     Task,
-    TaskCompilers,
 )
 from experiments.campaign.plans import CellPlan
 from experiments.campaign.store import Arrays, CampaignError, Record, Store, columns_of
@@ -200,15 +200,13 @@ def fly_studies(
     ]
     cells = [cell for flight in flights for cell in flight.cells]
     tasks = {name: task for flight in flights for name, task in flight.tasks.items()}
-    closed_loop_entry = next((flight.entry for flight in flights if flight.tasks), None)
-    task_compilers = _task_compilers(closed_loop_entry) if closed_loop_entry else None
     campaign_results = campaign.fly(
         cells,
         tasks,
         folder,
         facts=facts_of,
         together=[flight.together for flight in flights if flight.tasks],
-        task_compilers=task_compilers,
+        compilers=_compilers(flights),
         tolerant=True,
         **options,
     )
@@ -224,13 +222,6 @@ def fly_studies(
 def _records_of_tasks(tasks: Sequence[Task]) -> list[list[Record] | None]:
     """Rows of tasks of closed loops, side by side."""
     return records_of_runs([task.args for task in tasks])
-
-
-def _task_compilers(entry: PlanEntry) -> TaskCompilers:
-    """What compiles what runs of an entry in closed loop need."""
-    short = entry.scenario.first_messages
-    runs = [(short, run) for run in range(1, LANES + 1)]
-    return TaskCompilers(partial(fly, short), partial(records_of_runs, runs))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -289,6 +280,17 @@ class _EntryFlight:
         row, arrays = campaign_results.cell(cell)
         row |= {key: row[name] for key, name in self.entry.measured.items()}
         return row, arrays, campaign_results.steps(cell) if cell.keep_steps else {}
+
+
+def _compilers(flights: Sequence[_EntryFlight]) -> FlightCompilers | None:
+    """What compiles the runs of closed loops, and the flight that the page of a study looks at."""
+    if not flights:
+        return None
+    first_with_tasks = next((flight for flight in flights if flight.tasks), None)
+    short = (first_with_tasks or flights[0]).entry.scenario.first_messages
+    runs = [(short, run) for run in range(1, LANES + 1)]
+    side_by_side = partial(records_of_runs, runs) if first_with_tasks else None
+    return FlightCompilers(partial(fly, short), side_by_side)
 
 
 def _add_results(
