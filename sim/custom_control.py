@@ -61,24 +61,27 @@ class Belief(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What an autopilot is to hold; it turns and accelerates within the limits of routes."""
+    """What an autopilot is to hold; it turns and accelerates within the limits of routes.
 
-    heading: float  # clockwise from north [rad]
-    speed: float  # through the water [m/s]
-    depth: float  # [m]
+    Numbers; for `laisn_sim.Simulations.command` also arrays with one number for each mission.
+    """
+
+    heading: float | Floats  # clockwise from north [rad]
+    speed: float | Floats  # through the water [m/s]
+    depth: float | Floats  # [m]
 
 
 class Wrench(NamedTuple):
     """Force and moment about the hull's axes, which the effectors give as far as they can; where
-    limits bind, roll is left out first.
+    limits bind, roll is left out first. Numbers or arrays as of `Command`.
     """
 
-    surge: float = 0.0  # forward [N]
-    sway: float = 0.0  # to port [N]
-    heave: float = 0.0  # upward [N]
-    roll: float = 0.0  # about the forward axis, positive to starboard [N m]
-    pitch: float = 0.0  # about the port axis, positive nose down [N m]
-    yaw: float = 0.0  # about the upward axis, positive to port [N m]
+    surge: float | Floats = 0.0  # forward [N]
+    sway: float | Floats = 0.0  # to port [N]
+    heave: float | Floats = 0.0  # upward [N]
+    roll: float | Floats = 0.0  # about the forward axis, positive to starboard [N m]
+    pitch: float | Floats = 0.0  # about the port axis, positive nose down [N m]
+    yaw: float | Floats = 0.0  # about the upward axis, positive to port [N m]
 
 
 def as_numbers(values: Any) -> Floats:
@@ -218,22 +221,25 @@ class CustomControl:
             # rows are as long as the largest number of effectors
             effector_command[: len(answer)] = answer
         else:
-            self._hold(k, i, Command(*map(float, answer)), motion)
+            heading, speed, depth = map(float, answer)
+            self._hold(k, i, motion, heading=heading, speed=speed, depth=depth)
 
-    def _hold(self, k: int, i: int, demand: Command, motion: HullMotion) -> None:
-        """Write what the autopilot commands to hold `demand`.
+    def _hold(
+        self, k: int, i: int, motion: HullMotion, *, heading: float, speed: float, depth: float
+    ) -> None:
+        """Write what the autopilot commands to hold the demand of a `Command`.
 
         Of `_reference`, a scratch record, only the depth is set; the rest stays 0.
         """
         routes = self._routes
         reference = self._reference
         guidance: Record = routes.guidance[i]
-        reference.depth = demand.depth
+        reference.depth = depth
         if k == 0:
             start_guidance(
                 routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance
             )
-        steered = limit_command(demand.heading, demand.speed, CONTROL_STEP_S, guidance)
+        steered = limit_command(heading, speed, CONTROL_STEP_S, guidance)
         autopilot_design = routes.autopilot_designs[i]
         autopilot_memory = routes.autopilot_memories[i]
         control(

@@ -132,6 +132,8 @@ class OceanTable(Section):
         others = [key for key in keys if getattr(self, key)]
         if self.current is not None and others:
             raise ValueError(f"the table `current` replaces {', '.join(others)}; give one of them")
+        if self.current_profile and self.current_speed_m_s:
+            raise ValueError("current_profile replaces current_speed_m_s; give one of them")
         return self
 
     @property

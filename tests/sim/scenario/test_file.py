@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import laisn_sim
 from experiments.flight import library
@@ -285,6 +286,12 @@ def test_a_current_profile_is_that_of_the_water() -> None:
     assert not Scenario(
         followers=[{"route": "T5"}], ocean={"current_profile": [[0, 0, 0], [9, 0, 90]]}
     ).ocean.has_current
+
+
+def test_a_current_profile_beside_the_speed_that_it_replaces_is_refused() -> None:
+    ocean = {"current_profile": [[0, 0.2, 90]], "current_speed_m_s": 0.1}
+    with pytest.raises(ValidationError, match="current_profile replaces current_speed_m_s"):
+        Scenario(followers=[{"route": "T5"}], ocean=ocean)
 
 
 def test_speeds_through_the_water_are_checked_against_the_current_of_the_time() -> None:
