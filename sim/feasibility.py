@@ -583,7 +583,28 @@ def idle_reason(table: Section, key: str) -> str:
     if not isinstance(found, Section) or name not in type(found).model_fields:
         return ""
     switch = _switch_of(found, name)
-    return f"{path}{dot}{switch} = {_value_text(getattr(found, switch))}" if switch else ""
+    if switch:
+        return f"{path}{dot}{switch} = {_value_text(getattr(found, switch))}"
+    return _unread_reason(table, key) if isinstance(table, Scenario) else ""
+
+
+def _unread_reason(scenario: Scenario, key: str) -> str:
+    """Which navigators leave a dotted key of a table of navigation unread; "" if one reads it, or
+    it is none.
+    """
+    owner, navigation, setting = key.rpartition("navigation.")
+    if not navigation or owner.startswith("leader"):
+        return ""
+    index = owner.removeprefix("followers.").removesuffix(".")
+    followers = [int(index)] if index.isdecimal() else range(len(scenario.followers))
+    readers = [scenario.navigation_of(follower) for follower in followers]
+    if any(reader.reads(setting) for reader in readers):
+        return ""
+    return f"{owner}navigation.variant = {_variants_text(readers)}"
+
+
+def _variants_text(navigations: Sequence[Navigation]) -> str:
+    return " and ".join(dict.fromkeys(repr(navigation.variant) for navigation in navigations))
 
 
 def _idle_keys(table: Section, path: str = "") -> list[str]:
@@ -610,6 +631,30 @@ def _idle_keys(table: Section, path: str = "") -> list[str]:
     return lines
 
 
+def _unread_keys(scenario: Scenario) -> list[str]:
+    """A line for the keys of each table of navigation that are set and that none of the navigators
+    it is for reads.
+    """
+    followers = range(len(scenario.followers))
+    navigations = [scenario.navigation_of(i) for i in followers]
+    tables = [("navigation", scenario.navigation, navigations)]
+    for i in followers:
+        own = scenario.followers[i].navigation
+        if own is not None:
+            tables.append((f"followers[{i}].navigation", own, [navigations[i]]))
+    lines = []
+    for name, table, readers in tables:
+        keys = [
+            f"{name}.{key}"
+            for key in table.keys_set()
+            if not any(navigation.reads(key) for navigation in readers)
+        ]
+        if keys:
+            variants = _variants_text(readers)
+            lines.append(f"without effect: {', '.join(keys)}, as {name}.variant = {variants}")
+    return lines
+
+
 def _unused_links(links: Sequence[LinkTable], navigations: Sequence[Navigation]) -> list[str]:
     """A line for each link that nobody navigates on."""
     used = {
@@ -626,7 +671,11 @@ def cautions(scenario: Scenario) -> list[str]:
     """What a flyable scenario has that its navigators or followers cannot cope with, or that has no
     effect, a line each.
     """
-    remarks = [*effect_cautions(MotionSettings.of(scenario)), *_idle_keys(scenario)]
+    remarks = [
+        *effect_cautions(MotionSettings.of(scenario)),
+        *_idle_keys(scenario),
+        *_unread_keys(scenario),
+    ]
     if not scenario.keys_needing_closed_loop():
         # nobody steers by what is received
         navigations = [navigation for _, navigation in scenario.navigations()]

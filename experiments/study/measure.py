@@ -294,6 +294,14 @@ def records_of_runs(runs: Sequence[tuple[Scenario, int]]) -> list[list[Record] |
     return results
 
 
+def _error_columns(name: str, unit: str, errors: Floats) -> Record:
+    """Columns of a run's errors from the first estimate on; None where there is no estimate."""
+    return {
+        f"{name}_max_{unit}": float(errors.max()) if errors.size else None,
+        f"{name}_mean_{unit}": float(errors.mean()) if errors.size else None,
+    }
+
+
 def _records(run: _ClosedLoopRun) -> list[Record]:
     """Results of `records_of_run` of a run that has not been flown, or to its end."""
     stride = run.stride
@@ -321,13 +329,13 @@ def _records(run: _ClosedLoopRun) -> list[Record]:
         truth = trajectory.site_path(f"{trajectory.names[i + 1]}/hydrophone")[steps, :2]
         position_error = metrics.position_errors(estimate, truth)
         bearing_error_deg = np.rad2deg(metrics.bearing_errors(estimate, truth, leader))
+        # with an unknown start there is no estimate before the first messages
+        has_estimate = np.isfinite(position_error)
         locked = metrics.mirror_locked_steps(estimate, truth, leader, heading)
         row: Record = {
             "run": run.number,
-            "e_p_max_m": float(position_error.max()),
-            "e_p_mean_m": float(position_error.mean()),
-            "e_b_max_deg": float(bearing_error_deg.max()),
-            "e_b_mean_deg": float(bearing_error_deg.mean()),
+            **_error_columns("e_p", "m", position_error[has_estimate]),
+            **_error_columns("e_b", "deg", bearing_error_deg[has_estimate]),
             "mirror_locked": metrics.longest_mirror_lock(locked) >= run.message_every,
             "gated": gated[i],
             **facts,

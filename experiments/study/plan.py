@@ -22,6 +22,7 @@ from experiments.study.file import CASE, ONLY_ARM, SCENARIO, Study, refusal
 from experiments.study.measure import METRICS, MISSION_METRICS, RUN_METRICS
 from laisn.errors import LaisnError, LaisnWarning
 from laisn.lanes import LANES
+from laisn.navigators import find
 from sim.feasibility import engine_errors, idle_reason, infeasibilities
 from sim.scenario.file import ScenarioError, assigned, scenario_or_errors, validate
 from sim.scenario.parts import MotionSettings
@@ -274,6 +275,13 @@ def _arm_errors(study: Study, point: Mapping[str, Any], entry: PlanEntry) -> lis
             "disturb, leader_pitch_deg and measured apply to missions that runs share, not to "
             "closed loops"
         )
+    if not entry.closed_loop:
+        errors += [
+            f"{key}.assume.known_start = false is for closed loops and for `laisn fly`: errors of "
+            "runs that share a mission are counted from the start; expected true"
+            for key, navigation in entry.scenario.navigations()
+            if not find(navigation.variant).lanes and not navigation.settings().known_start
+        ]
     try:
         disturbance_of(disturb)
     except LaisnError as error:

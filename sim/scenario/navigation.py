@@ -40,6 +40,7 @@ from sim.scenario.section import (
     NonNegative,
     Section,
     in_si,
+    split_unit,
     with_fields_of,
 )
 
@@ -107,6 +108,18 @@ class Custom(Section):
     model_config = ConfigDict(extra="allow")
 
     __pydantic_extra__: dict[str, ClassValue]
+
+
+_OF_LAISN_ALONE = {field.name for field in fields(NavigationSettings)} - {
+    "variant",
+    *(field.name for field in fields(Settings)),
+}
+"""Settings in `[navigation]` itself, without their units, that navigators with tables of their own
+do not read.
+"""
+_SECTIONS = ("assume", "rival", "beacons")
+"""Tables of settings of other navigators. Keys of `custom` that are none of its class are refused.
+"""
 
 
 @with_fields_of(NavigationSettings, positive={"sigma_a0", "sigma_speed", "sigma_heading"})
@@ -177,6 +190,29 @@ class Navigation(FurtherKeys):
         """
         stated = in_si(self._section()).get("hydrophone_height", self.hydrophone_height_m)
         return of_hull if stated is None else float(stated)
+
+    def reads(self, key: str) -> bool:
+        """Whether the navigator takes a key of this table, such as "assume.clock", into account;
+        one of a plugin that is not loaded may take all.
+        """
+        if not is_known(self.variant):
+            return True
+        sections = find(self.variant).sections
+        section, dot, _ = key.partition(".")
+        if dot:
+            return section in sections
+        return not sections or split_unit(key)[0] not in _OF_LAISN_ALONE
+
+    def keys_set(self) -> list[str]:
+        """Keys that a navigator may read or not and whose values are not their defaults, those of
+        tables with a dot.
+        """
+        keys = [key for key in self.changed_keys() if split_unit(key)[0] in _OF_LAISN_ALONE]
+        for name in _SECTIONS:
+            section = getattr(self, name)
+            if section is not None:
+                keys += [f"{name}.{key}" for key in section.changed_keys()]
+        return keys
 
     def _section(self) -> dict[str, Any]:
         """Keys that belong to the navigator alone; its code is not imported."""
@@ -267,7 +303,7 @@ def navigation_with(common: Navigation, changes: Navigation) -> Navigation:
     Keys of `custom` are those of one class: with another `variant` none of them is taken over.
     """
     values: dict[str, Any] = {key: getattr(changes, key) for key in changes.model_fields_set}
-    for key in values.keys() & {"assume", "rival", "beacons"}:
+    for key in values.keys() & {*_SECTIONS}:
         section = getattr(changes, key)
         set_keys = {name: getattr(section, name) for name in section.model_fields_set}
         values[key] = getattr(common, key).model_copy(update=set_keys)

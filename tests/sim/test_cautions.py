@@ -487,6 +487,46 @@ def test_keys_that_another_key_turns_off_change_nothing_and_are_named(reason: st
         )
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (
+            {
+                "navigation.variant": "laisn-2",
+                "navigation.assume.known_start": False,
+                "navigation.rival.particles": 100,
+            },
+            "navigation.assume.known_start, navigation.rival.particles, as "
+            "navigation.variant = 'laisn-2'",
+        ),
+        (
+            {"navigation.variant": "tight", "navigation.sigma_speed_m_s": 0.3},
+            "navigation.sigma_speed_m_s, as navigation.variant = 'tight'",
+        ),
+        ({"navigation.variant": "tight", "navigation.assume.clock": True}, ""),
+        ({"navigation.variant": "laisn-2", "navigation.sigma_speed_m_s": 0.3}, ""),
+        (
+            {"followers.0.navigation.variant": "tight", "followers.0.navigation.gate": "off"},
+            "followers[0].navigation.gate, as followers[0].navigation.variant = 'tight'",
+        ),
+    ],
+)
+def test_settings_of_another_navigator_change_nothing_and_are_named(
+    changes: dict[str, Any], expected: str
+) -> None:
+    motion = {"motion": "physics", "duration_s": 5.0}
+    lines = cautions(scenario_of({**motion, **changes}))
+    unread = [line for line in lines if line.startswith("without effect")]
+    assert unread == ([f"without effect: {expected}"] if expected else [])
+    if unread:
+        variants = {key: value for key, value in changes.items() if key.endswith("variant")}
+        with_keys, without_keys = (fly_with({**motion, **keys}) for keys in (changes, variants))
+        for name in ("state", "covariance"):
+            np.testing.assert_array_equal(
+                getattr(with_keys.estimates[0], name), getattr(without_keys.estimates[0], name)
+            )
+
+
 def test_rays_that_are_asked_to_bend_where_nothing_bends_them_are_named() -> None:
     refracted = {"acoustics.rays": "refracted"}
     line = "without effect: acoustics.rays = 'refracted', as the speed of sound is the same at all"

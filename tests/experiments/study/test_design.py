@@ -282,6 +282,20 @@ def test_a_study_gives_each_run_its_values_and_every_follower_the_same():
             r"arm a: every applies to closed loops",
         ),
         ({"set": {"followers.*.no_key": 1}}, r"followers\[0\].no_key: unknown key"),
+        (
+            {
+                "scenario": "T5",
+                "arm": [
+                    {"name": "a"},
+                    {
+                        "name": "b",
+                        "navigation.variant": "tight",
+                        "navigation.assume.known_start": False,
+                    },
+                ],
+            },
+            r"arm b: navigation.assume.known_start = false is for closed loops",
+        ),
     ],
 )
 def test_invalid_values_of_runs_are_refused(keys, message):

@@ -257,6 +257,19 @@ def test_a_condition_whose_interval_contains_zero_is_undecided(plan: StudyPlan) 
             {"followers.*.saw_tooth_period_s": "followers.*.saw_tooth_amplitude_m = 0"},
         ),
         ({"set": {"sensors.speed_bias_m_s": 0.1, "ocean.waves.kind": "jonswap"}}, {}),
+        (
+            {"set": {"navigation.assume.clock": True, "ocean.waves.kind": "jonswap"}},
+            {"navigation.assume.clock": "navigation.variant = 'laisn-2'"},
+        ),
+        (
+            {
+                "set": {"navigation.assume.clock": True, "ocean.waves.kind": "jonswap"},
+                "arm": [
+                    {"name": name, "navigation.variant": name} for name in ("laisn-2", "tight")
+                ],
+            },
+            {},
+        ),
     ],
 )
 def test_keys_that_no_mission_of_a_study_feels_are_named(
