@@ -472,18 +472,23 @@ def flight_report(
     """
     bounds_by_follower = bounds or flight_bounds(flight)
     names = flight.trajectory.names[1:]
+    without_estimate = flight.without_estimate
     finite_names = [
         name
         for name, estimates in zip(names, flight.estimates, strict=True)
-        if np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
+        if name not in without_estimate
+        and np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
     ]
     gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).detected_s
     with_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
     release_mapped_memory()
+    not_finite = [name for name in names if name not in [*finite_names, *without_estimate]]
     accuracies = {}
-    if len(finite_names) == len(names):
-        accuracies = {name: accuracy(flight, i) for i, name in enumerate(names)}
+    if not not_finite:
+        accuracies = {
+            name: accuracy(flight, i) for i, name in enumerate(names) if name in finite_names
+        }
     release_mapped_memory()
     judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
@@ -498,7 +503,8 @@ def flight_report(
         "nearest": closest_approaches(flight.trajectory) if with_station else (),
         "gave_way": {name: s for name, s in zip(names, gave_way_s.tolist(), strict=True) if s > 0},
         "contacts": contacts(flight.trajectory),
-        "not_finite": [name for name in names if name not in finite_names],
+        "without_estimate": without_estimate,
+        "not_finite": not_finite,
         "mirror_locked": mirror_locks(flight, finite_names),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": overview,

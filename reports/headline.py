@@ -146,7 +146,10 @@ def headline(
     """Who did what, and how it went and why."""
     sentence = verdict.sentence
     is_uneventful = (
-        flight.outcome is Termination.COMPLETED and not verdict.lost and "touched" not in sentence
+        flight.outcome is Termination.COMPLETED
+        and not verdict.lost
+        and not flight.without_estimate
+        and "touched" not in sentence
     )
     if is_uneventful and on_stations(summary):
         sentence = _stations(summary)

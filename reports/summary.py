@@ -10,7 +10,6 @@ import numpy as np
 
 from laisn import metrics
 from laisn.arrays import Bools, Floats
-from laisn.errors import LaisnError
 from reports.bound import flight_bounds
 from reports.verdict import verdict
 from reports.version import versions
@@ -176,12 +175,19 @@ def leader_row(flight: FlightRecord) -> dict[str, Any]:
     }
 
 
+def _error_figures(position: Floats, bearing: Floats) -> dict[str, float | None]:
+    """Figures of errors at n steps, by the names of `metrics.Summary`; None where n is 0."""
+    if not position.size:
+        return dict.fromkeys(metrics.Summary._fields)
+    return metrics.summarise(position, bearing)._asdict()
+
+
 def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[str, Any]:
     """Mean, largest and σ of a flight's errors, of all followers and of each, and what else
     `summary.json` holds.
 
-    `bounds` are the `flight_bounds`, computed here if None. LaisnError if a follower has no
-    estimate in the whole mission.
+    `bounds` are the `flight_bounds`, computed here if None. Errors of a follower that has no
+    estimate in the whole mission are None.
     """
     bounds = flight_bounds(flight) if bounds is None else bounds
     errors_of_followers = position_and_bearing_errors(flight)
@@ -190,13 +196,7 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         for (p, b), e in zip(errors_of_followers, flight.estimates, strict=True)
     ]
     names = flight.trajectory.names[1:]
-    without = [name for name, (e, _) in zip(names, errors, strict=True) if not e.size]
-    if without:
-        raise LaisnError(
-            f"no estimate of {', '.join(without)} in the whole mission, and so no errors: without "
-            "a known start a navigator begins with a message that has at least two ranges"
-        )
-    pooled = metrics.summarise(
+    pooled = _error_figures(
         np.concatenate([e for e, _ in errors]), np.concatenate([b for _, b in errors])
     )
     track_errors = tracking.track_errors(MotionSettings.of(flight.scenario), flight.trajectory)
@@ -212,11 +212,11 @@ def summarise(flight: FlightRecord, bounds: list[Floats] | None = None) -> dict[
         "flown_s": float(flight.trajectory.time[-1]),
         "variant": flight.scenario.variants,
         "verdict": verdict(flight, track_errors).table(),
-        **pooled._asdict(),
+        **pooled,
         **_nearest(flight),
         **({"leader": leader} if leader else {}),
         "followers": {
-            name: metrics.summarise(*errors[i])._asdict()
+            name: _error_figures(*errors[i])
             | consistency(flight, i, bounds[i])
             | _route_summary(flight, i, routes[i + 1], track_errors[:, i])
             | ({"gave_way_s": float(gave_way_s[i])} if has_proximity_sensor else {})

@@ -224,6 +224,15 @@ def _lost_text(lost: Sequence[Loss], followers: int) -> str:
     return f"{number} {verb} lost: {', '.join(texts)}; {_because(subject, first.cause)}."
 
 
+def _without_text(names: Sequence[str]) -> str:
+    named = ", ".join(names[:_MAX_NAMED_FOLLOWERS])
+    more = len(names) - _MAX_NAMED_FOLLOWERS
+    return (
+        f"No estimate in the whole mission: {named}{f' and {more} more' if more > 0 else ''}; "
+        "without a known start a navigator begins with a message that has at least two ranges."
+    )
+
+
 def _errors_text(flight: FlightRecord) -> str:
     """Mean and largest errors of a flight in which none was lost."""
     time = flight.trajectory.time[flight.step_index()]
@@ -265,6 +274,9 @@ def verdict(flight: FlightRecord, track_errors: Floats) -> Verdict:
     if touching and flight.outcome is not Termination.CONTACT:
         time_s, pair = touching[0]
         parts.append(f"{' and '.join(pair)} touched at {time_s:.0f} s.")
+    without = flight.without_estimate
+    if without:
+        parts.append(_without_text(without))
     if not parts:
         parts.append(_errors_text(flight))
     return Verdict(sentence=" ".join(parts), lost=lost)

@@ -91,6 +91,15 @@ class FlightRecord:
         n = self.measurements[0].speed.size
         return np.arange(1, n + 1, dtype=np.int64) * self.stride
 
+    @property
+    def without_estimate(self) -> list[str]:
+        """Names of the followers that have no estimate in the whole mission."""
+        return [
+            name
+            for name, estimates in zip(self.trajectory.names[1:], self.estimates, strict=True)
+            if estimates.steps_without_estimate == len(estimates.state)
+        ]
+
     def __repr__(self) -> str:
         followers = len(self.scenario.followers)
         duration = self.trajectory.time[-1]

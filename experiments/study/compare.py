@@ -16,6 +16,7 @@ from experiments.study.file import METRIC
 from experiments.study.measure import METRICS, SHARES
 from experiments.study.study import RESULTS, RUNS, STUDY
 from laisn import metrics
+from laisn.arrays import Floats
 from laisn.errors import LaisnError, shortened
 from reports import page as pages
 from reports.figures import Line, Panel, Subplot
@@ -54,6 +55,20 @@ def differing(flights: Sequence[FlightRecord]) -> dict[str, list[Any]]:
     )
 
 
+def _summary(position: Floats, bearing: Floats) -> metrics.Summary:
+    """Figures of errors at n steps from the first estimate on, all NaN without one."""
+    has_estimate = np.isfinite(position)
+    if not has_estimate.any():
+        return metrics.Summary(*[math.nan] * len(metrics.Summary._fields))
+    return metrics.summarise(position[has_estimate], bearing[has_estimate])
+
+
+def _mean_difference(differences: Floats) -> float:
+    """Mean over the steps at which both flights have an estimate; NaN without one."""
+    finite = differences[np.isfinite(differences)]
+    return float(finite.mean()) if finite.size else math.nan
+
+
 def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str, Any]:
     """What the template shows of flights."""
     errors = [position_and_bearing_errors(flight)[0] for flight in flights]
@@ -67,14 +82,14 @@ def _flights(names: Sequence[str], flights: Sequence[FlightRecord]) -> dict[str,
         ]
         parts.append(Subplot(lines=lines, y_label=label, y_limits=(0.0, None)))
     curves = Panel(parts=parts, x_label="time [s]", width=FULL, height=4.4)
-    summaries = [metrics.summarise(position, bearing) for position, bearing in errors]
+    summaries = [_summary(position, bearing) for position, bearing in errors]
     first = errors[0][0]
     differences = [
-        float(np.mean(e - first)) if e.size == first.size else math.nan for e, _ in errors
+        _mean_difference(e - first) if e.size == first.size else math.nan for e, _ in errors
     ]
     figures = Figures(panels=[curves], legend=[*zip(SERIES, names, strict=False)])
     changed = differing(flights)
-    equal = all(e.shape == first.shape and np.array_equal(e, first) for e, _ in errors)
+    equal = all(np.array_equal(e, first, equal_nan=True) for e, _ in errors)
     no_difference = ""
     if equal and not changed:
         no_difference = "the flights have the same settings and the same errors"

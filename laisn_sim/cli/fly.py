@@ -53,7 +53,11 @@ _MOST_OF_A_KIND = 10  # warnings of one kind that are printed
 _PATIENCE_S = 30.0  # for the page of a live mission
 _LEGEND = """E_P, E_B: errors of position and bearing; track, depth: RMS off the route;
 NEES: 2 on average for a consistent filter; × bound: RMS of E_P over the bound;
-–: the covariance is singular, or there is no bound"""
+–: there is no estimate or no bound, or the covariance is singular"""
+
+
+def _cell(value: float | None, unit: str) -> str:
+    return "–" if value is None else f"{value:.2f}{unit}"
 
 
 def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> None:
@@ -71,7 +75,7 @@ def _show_stations(console: Console, flight: FlightRecord, summary: dict[str, An
                 [
                     name,
                     *distances,
-                    f"{row['e_p_mean_m']:.2f} m",
+                    _cell(row["e_p_mean_m"], " m"),
                     joined,
                     "lost" if row["lost"] else "",
                 ]
@@ -109,6 +113,8 @@ def show(console: Console, flight: FlightRecord, summary: dict[str, Any]) -> Non
     _show_leader(console, summary)
     if summary["verdict"]["lost"]:
         print_line(console, summary["verdict"]["sentence"], "lost:", "red")
+    elif flight.without_estimate:
+        print_line(console, summary["verdict"]["sentence"], "warning:")
     if flight.outcome is not Termination.COMPLETED:
         colour = "yellow" if flight.outcome is Termination.CONTACT else "red"
         print_line(console, f"(at {summary['flown_s']:g} s)", flight.outcome.value, colour)
@@ -121,8 +127,8 @@ def _show_errors(console: Console, followers: dict[str, dict[str, Any]]) -> None
     rows = []
     for name, row in followers.items():
         cells = [name]
-        cells += [f"{row[f'e_p_{statistic}_m']:.2f} m" for statistic in ("max", "mean")]
-        cells += [f"{row[f'e_b_{statistic}_deg']:.2f}°" for statistic in ("max", "mean")]
+        cells += [_cell(row[f"e_p_{statistic}_m"], " m") for statistic in ("max", "mean")]
+        cells += [_cell(row[f"e_b_{statistic}_deg"], "°") for statistic in ("max", "mean")]
         for key in ("nees", "rms_over_bound"):
             cells.append("–" if row[key] is None else f"{row[key]:.3g}")
         cells += [f"{row[f'{quantity}_error_rms_m']:.2f} m" for quantity in ("track", "depth")]

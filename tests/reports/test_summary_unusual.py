@@ -1,11 +1,12 @@
 """Vehicles far off their routes, and vehicles that pass close to each other, are reported."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from laisn.errors import LaisnError
+from laisn import metrics
 from reports.summary import approach_events, route_events, safety_warnings, summarise
 from sim.assembly import routes_of
 from sim.scenario.parts import MissionPlan
@@ -64,10 +65,18 @@ def test_vehicles_that_pass_close_to_each_other_or_touch_are_reported(apart_m, t
     assert [event.text for event in approach_events(flight)] == [text] * (apart_m == 0.25)
 
 
-def test_a_follower_without_any_estimate_is_named() -> None:
-    """As where no message reaches one whose start is not known."""
+def test_a_follower_without_any_estimate_has_no_errors_and_is_named() -> None:
+    """As where no message reaches one whose start is not known; the other's figures stay."""
     flight = make_flight(20.0, 2)
     first, second = flight.estimates
     never = replace(second, state=np.full_like(second.state, np.nan))
-    with pytest.raises(LaisnError, match="no estimate of follower2 in the whole mission"):
-        summarise(replace(flight, estimates=(first, never)))
+    figures = metrics.Summary._fields
+    alone = summarise(flight)["followers"]["follower1"]
+    summary = summarise(replace(flight, estimates=(first, never)))
+    assert [summary["followers"]["follower2"][name] for name in figures] == [None] * 6
+    assert summary["followers"]["follower1"] == alone
+    # figures of all followers are those of the one that has any
+    assert [summary[name] for name in figures] == [alone[name] for name in figures]
+    sentence = summary["verdict"]["sentence"]
+    assert sentence.startswith("No estimate in the whole mission: follower2; without a known start")
+    json.dumps(summary, allow_nan=False)

@@ -206,6 +206,27 @@ def test_differences_of_mirror_locks_have_the_limits_of_paired_shares(tmp_path):
     )
 
 
+def test_flights_are_compared_where_both_have_estimates(tmp_path: Path) -> None:
+    """Three flights of the same errors: one begins with an estimate after 5 s, one has none."""
+    whole = make_flight(20.0)
+    (estimates,) = whole.estimates
+    for name, steps in (("whole", 0), ("late", 50), ("never", len(estimates.state))):
+        state = estimates.state.copy()
+        state[:steps] = np.nan
+        (tmp_path / name).mkdir()
+        log = write_log(
+            replace(whole, estimates=(replace(estimates, state=state),)), tmp_path / name
+        )
+        log.rename(tmp_path / name / "flight.mcap")
+    section, *_ = page_of([str(tmp_path / name) for name in ("whole", "late", "never")]).sections
+    rows = [[cell.text for cell in row] for row in section.blocks[1].rows]
+    errors = np.linalg.norm(estimates.state[:, :2] - whole.hydrophone(0)[:, :2], axis=1)
+    assert rows[0][1:3] == [f"{errors.mean():.3f}", f"{errors.max():.3f}"]
+    assert rows[1][1:3] == [f"{errors[50:].mean():.3f}", f"{errors[50:].max():.3f}"]
+    assert rows[1][5] == "0.000"
+    assert rows[2][1:] == ["–"] * 5
+
+
 def test_the_page_of_flights_is_the_golden_one(tmp_path: Path) -> None:
     """A drift of 0.2 m/s lasts until the next message: 1 s in one flight, 5 s in the other."""
     for name, interval in (("a", 1.0), ("b", 5.0)):
