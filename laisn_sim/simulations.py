@@ -236,11 +236,7 @@ class Simulations(Sequence[Simulation]):
                 all_changes = {**table_of_changes(changes), **own}
                 with _noting_mission(i):
                     scenario = as_scenario(source, all_changes)
-                # one that is loaded of another names all keys
-                named = set(
-                    (source if isinstance(source, Scenario) else scenario).timing.model_fields_set
-                )
-                named |= {key.removeprefix("timing.") for key in all_changes}
+                named = scenario.timing.model_fields_set
                 updates = _engine_updates(MotionSettings.of(scenario), named)
                 timing = scenario.timing.model_copy(update=updates)
                 run = scenario.run + (0 if "run" in own else i)

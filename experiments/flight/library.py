@@ -154,7 +154,8 @@ def as_scenario(
     """
     changes = table_of_changes(changes)
     if isinstance(source, Scenario):
-        table = source.model_dump(mode="json", exclude_none=True)
+        # what it does not set remains unset, for those who choose where nothing is named
+        table = source.model_dump(mode="json", exclude_none=True, exclude_unset=True)
         name = f"scenario {source.name!r}"
     elif isinstance(source, Mapping):
         table = dict(source)

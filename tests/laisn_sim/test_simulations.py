@@ -246,6 +246,7 @@ def test_the_engine_is_the_one_that_is_named() -> None:
     assert engines(OPEN_LOOP, {"timing.engine": "mujoco"}) == {"mujoco"}
     scenario = laisn_sim.Scenario(**OPEN_LOOP)
     assert engines(scenario) == {"direct"}
+    assert engines(laisn_sim.load(scenario, {"duration_s": 15.0})) == {"direct"}
     assert engines(scenario, {"timing.engine": "mujoco"}) == {"mujoco"}
     assert engines(laisn_sim.Scenario(**OPEN_LOOP, timing={"engine": "mujoco"})) == {"mujoco"}
 

@@ -265,6 +265,18 @@ def test_formations_broadcast_attitude_by_default() -> None:
         assert Scenario.model_validate(scenario.model_dump(), strict=False) == scenario
 
 
+def test_a_scenario_loaded_of_another_is_equal_and_names_the_same_keys() -> None:
+    """Built-in ones, one that Python code made, and one with a change."""
+    made = Scenario(followers=(Follower(route="T5", depth_m=8.0),), motion="kinematic")
+    changed = made.model_copy(update={"run": 3, "ocean": made.ocean.model_copy()})
+    for scenario in (*map(library.as_scenario, library.scenario_names()), made, changed):
+        again = library.as_scenario(scenario, {})
+        assert again == scenario
+        assert again.timing.model_fields_set == scenario.timing.model_fields_set
+    longer = library.as_scenario(made, {"duration_s": 50.0})
+    assert longer == made.model_copy(update={"duration_s": 50.0})
+
+
 def test_a_current_profile_is_that_of_the_water() -> None:
     """The scenario's own reckoning, by which it is checked, is what the simulated water does."""
     ocean = {
