@@ -114,17 +114,30 @@ def test_the_key_depends_on_the_sources_and_on_all_arguments(
     assert key_of(square, on_t5, 1) not in keys
 
 
+def note(file: Path, line: str) -> None:
+    """Add a line to a file; processes that compile share no memory with the test."""
+    with file.open("a") as lines:
+        lines.write(f"{line}\n")
+
+
+def noting_compilers(file: Path) -> campaign.FlightCompilers:
+    """Compilers that note what they are for."""
+    return campaign.FlightCompilers(
+        partial(note, file, "alone"), partial(note, file, "side by side")
+    )
+
+
 def test_compiling_ahead_is_done_once_and_only_if_something_is_missing(tmp_path: Path) -> None:
-    compilations: list[int] = []
+    notes = tmp_path / "notes"
     for _ in range(2):
         campaign.fly(
             [],
             {2: partial(square, 2)},
-            tmp_path,
-            compile_tasks=lambda _: compilations.append(1),
+            tmp_path / "results",
+            compilers=noting_compilers(notes),
             workers=1,
         )
-    assert compilations == [1]
+    assert notes.read_text().splitlines() == ["alone"]
 
 
 def numbers_together(tasks: Sequence[campaign.Task]) -> list[list[dict[str, Any]] | None]:
@@ -139,7 +152,7 @@ def test_many_tasks_are_computed_together_and_those_left_out_alone(
     """Three at a time, of those without a result; few are all computed alone."""
     tasks = {n: partial(another_task, n) for n in range(8)}
     group = campaign.SideBySide(names=range(1, 8), compute=numbers_together, most=3)
-    told: list[bool] = []
+    notes = tmp_path / "notes"
 
     def fly(names: Iterable[int], folder: str) -> dict[int, Any]:
         chosen = {name: tasks[name] for name in names}
@@ -148,7 +161,7 @@ def test_many_tasks_are_computed_together_and_those_left_out_alone(
             chosen,
             tmp_path / folder,
             together=[group],
-            compile_tasks=told.append,
+            compilers=noting_compilers(notes),
             workers=1,
             quiet=False,
         )
@@ -163,7 +176,7 @@ def test_many_tasks_are_computed_together_and_those_left_out_alone(
     assert {n: rows[n] for n in (0, 1, 5)} == {n: alone[n] for n in (0, 1, 5)}
     together = {n: {"of": n, "beside": 3} for n in (2, 3, 4, 6, 7)}
     assert {n: rows[n] for n in together} == together
-    assert told == [False, False, True]
+    assert notes.read_text().splitlines() == ["alone", "alone", "alone", "side by side"]
 
 
 class PretendingStore(Store):
