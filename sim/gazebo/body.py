@@ -61,13 +61,12 @@ def hull_of(model: SdfModel, water: FileWater, remarks: Remarks) -> SdfHull:
     has_unread_shape = False
     for sdf_model in model.all_models():
         for name, link in sdf_model.links.items():
-            frame = sdf_model.pose_of(name)
             names.append(name)
-            link_inertias.append(_link_inertia(name, link, frame, remarks))
+            link_inertias.append(_link_inertia(sdf_model, name, remarks))
             displaces = water.displaces(sdf_model, name)
             for collision in link.findall("collision"):
                 solid = solid_of(collision)
-                pose = frame @ local_pose(collision)
+                pose = sdf_model.pose_within(name, collision)
                 if solid is None:
                     has_unread_shape = True
                     remarks.add_for_part("link", name, _unread_shape(collision))
@@ -183,7 +182,9 @@ def _moments(squares: Floats) -> Floats:
     return np.diag(squares.sum() - squares)
 
 
-def _link_inertia(name: str, link: Element, frame: Floats, remarks: Remarks) -> LinkInertia:
+def _link_inertia(model: SdfModel, name: str, remarks: Remarks) -> LinkInertia:
+    link = model.links[name]
+    frame = model.pose_of(name)
     inertial = link.find("inertial")
     if inertial is None:
         remarks.add_for_part(
@@ -191,7 +192,7 @@ def _link_inertia(name: str, link: Element, frame: Floats, remarks: Remarks) -> 
         )
         return LinkInertia(1.0, frame[:3, 3], np.eye(3), np.zeros((6, 6)), frame)
     if is_true(inertial.get("auto")):
-        mass, centre, inertia = _automatic(name, link, inertial, frame, remarks)
+        mass, centre, inertia = _automatic(model, name, inertial, remarks)
     else:
         inertial_frame = frame @ local_pose(inertial)
         mass = child_number(inertial, "mass", 1.0)
@@ -219,21 +220,21 @@ def _tensor(name: str, inertial: Element, remarks: Remarks) -> Floats:
 
 
 def _automatic(
-    name: str, link: Element, inertial: Element, frame: Floats, remarks: Remarks
+    model: SdfModel, name: str, inertial: Element, remarks: Remarks
 ) -> tuple[float, Floats, Floats]:
     """Mass, centre and inertia of <inertial auto="true">: those of the collisions."""
     default = child_number(inertial, "density", DEFAULT_DENSITY)
     masses = []
     centres = []
     tensors = []
-    for collision in link.findall("collision"):
+    for collision in model.links[name].findall("collision"):
         solid = solid_of(collision)
         if solid is None:
             remarks.add_for_part(
                 "link", name, "<inertial auto> leaves out a collision that is not read"
             )
             continue
-        pose = frame @ local_pose(collision)
+        pose = model.pose_within(name, collision)
         masses.append(child_number(collision, "density", default) * solid.volume)
         centres.append(pose[:3, 3])
         tensors.append(masses[-1] * pose[:3, :3] @ solid.unit_inertia @ pose[:3, :3].T)

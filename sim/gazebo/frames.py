@@ -1,8 +1,8 @@
 """Frames of a model: where links, joints, frames and nested models stand and how they are turned.
 
 SDF's rules: a pose is relative to the frame that it names; without a name, that of a link or nested
-model to its model, of a joint to its child, of a frame to what it is attached to. All poses are
-homogeneous 4×4 matrices [m].
+model to its model, of a joint to its child, of a frame to what it is attached to, of a collision to
+its link. All poses are homogeneous 4×4 matrices [m].
 """
 
 from dataclasses import dataclass, field
@@ -102,6 +102,10 @@ class SdfModel:
     def pose_of(self, name: str) -> Floats:
         """Pose of a frame of the model in that of the outermost model."""
         return self.pose() @ self.pose_in_model(name)
+
+    def pose_within(self, link: str, part: Element) -> Floats:
+        """Pose of a part of a link, as of a collision, in the frame of the outermost model."""
+        return self.pose_of(relative_to(part, link)) @ local_pose(part)
 
     def pose_in_parent(self, chain: tuple[str, ...] = ()) -> Floats:
         """Pose of a nested model in the model that holds it."""

@@ -144,10 +144,19 @@ def _merged_parts(model: Element) -> list[Element]:
     for child in parts:
         if child.tag in ("link", "frame", "model"):
             _anchor(child, name)
-        for xyz in child.iter("xyz"):
-            if xyz.get("expressed_in") == MODEL:
-                xyz.set("expressed_in", name)
+        if child.tag != "model":
+            _refer_to(child, name)
     return [anchor, *parts]
+
+
+def _refer_to(part: Element, name: str) -> None:
+    """Let poses and axes within a part of a model name a frame where they name the model. The part
+    is no nested model, within which they would name that one.
+    """
+    for tag, attribute in (("pose", "relative_to"), ("xyz", "expressed_in")):
+        for element in part.iter(tag):
+            if element.get(attribute) == MODEL:
+                element.set(attribute, name)
 
 
 def _anchor(element: Element, name: str) -> None:

@@ -79,6 +79,36 @@ def test_a_merged_model_is_the_same_hull_turned(tmp_path: Path) -> None:
     assert import_file(world).text == hull.text
 
 
+def test_parts_of_a_merged_model_that_name_it_stand_in_it(tmp_path: Path) -> None:
+    """A pack of a litre at 0.3 m in its model, which is merged at 0.5 m, beside the probe's 40
+    litres; in it stands a pod that is turned to port and pushes along its own x.
+    """
+    folder = tmp_path / "pack"
+    folder.mkdir()
+    cells = (
+        '<link name="cells"><pose>0.2 0 0 0 0 0</pose><inertial><mass>1</mass></inertial>'
+        '<collision name="box"><pose relative_to="__model__">0.3 0 0 0 0 0</pose>'
+        "<geometry><box><size>0.1 0.1 0.1</size></box></geometry></collision></link>"
+    )
+    inertial = "<inertial><mass>0.001</mass></inertial>"
+    pod = (
+        '<model name="pod"><pose degrees="true">0 0 0 0 0 90</pose>'
+        f'<link name="base">{inertial}</link><link name="blade">{inertial}</link>'
+        '<joint name="pod_screw" type="revolute"><parent>base</parent><child>blade</child>'
+        '<axis><xyz expressed_in="__model__">1 0 0</xyz></axis></joint>'
+        '<plugin filename="gz-sim-thruster-system" name="gz::sim::systems::Thruster">'
+        "<joint_name>pod_screw</joint_name><max_thrust_cmd>9</max_thrust_cmd></plugin></model>"
+    )
+    (folder / "model.sdf").write_text(
+        f'<sdf version="1.9"><model name="pack">{cells}{pod}</model></sdf>', encoding="utf-8"
+    )
+    include = '<include merge="true"><uri>pack</uri><pose>0.5 0 0 0 0 0</pose></include>'
+    hull = import_text(tmp_path, changed(PROBE, (PLACEHOLDER, include)))
+    centre = (0.5 + 0.3) * 0.001 / 0.041
+    np.testing.assert_allclose(hull.record["buoyancy_centre"], (centre, 0.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(hull.effector("pod_screw")["force"], (0.0, 1.0, 0.0), atol=1e-9)
+
+
 def test_a_model_that_includes_itself_is_refused(tmp_path: Path) -> None:
     folder = tmp_path / "loop"
     folder.mkdir()
