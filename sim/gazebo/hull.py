@@ -330,7 +330,8 @@ def _numerics(
 ) -> dict[str, SourcedValues]:
     source = "gz-sim's Hydrodynamics"
     count = 10
-    strip_x = length * ((np.arange(count) + 0.5) / count - 0.5)
+    middle = placing.point(hull.buoyancy_centre)
+    strip_x = middle[0] + length * ((np.arange(count) + 0.5) / count - 0.5)
     return {
         "added_mass": (
             _semidefinite(matrices.added_mass),
@@ -345,7 +346,7 @@ def _numerics(
         ),
         "buoyancy": _buoyancy(hull, water, remarks),
         "buoyancy_density": (water.density, f"[kg/m³]: {water.source}"),
-        "buoyancy_centre": (placing.point(hull.buoyancy_centre), "[m]: of the collisions"),
+        "buoyancy_centre": (middle, "[m]: of the collisions"),
         "displaced_inertia": (
             hull.mass * (length**2 + diameter**2) / 20.0,
             "[kg m²]: spheroid of its size",

@@ -223,7 +223,8 @@ def gradient_force(
 def immersion(
     c: Coefficients, position: Vector, axis: Vector, sea: SeaInstant
 ) -> tuple[float, float]:
-    """Share of a hull that is in the water, and Σ (dry share · x) of the strips [m].
+    """Share of a hull that is in the water, and Σ (dry share · x) of the strips, x being forward of
+    their common middle [m].
 
     A strip's section leaves the water evenly from the moment the surface touches its top until it
     is a radius below its middle; strips count by their side area.
@@ -231,15 +232,19 @@ def immersion(
     ends = max(abs(c.strip_x[0]), abs(c.strip_x[c.n_strips - 1]))
     top = position[2] + abs(axis[2]) * ends + c.hull_radius
     deep = all_lanes(top <= -sea.waves.highest)
-    area = wet = arm = 0.0
+    area = wet = first_moment = arm = 0.0
     for i in range(0 if deep else c.n_strips):
         p = plus(position, scaled(c.strip_x[i], axis))
         depth = elevation_at(sea, p[0], p[1]) - p[2]
         share = min(max(0.5 + 0.5 * depth / c.hull_radius, 0.0), 1.0)
         area += c.strip_area[i]
         wet += share * c.strip_area[i]
+        first_moment += c.strip_area[i] * c.strip_x[i]
         arm += (1.0 - share) * c.strip_area[i] * c.strip_x[i]
-    return (1.0, 0.0) if deep else (wet / area, arm / area)
+    # the buoyancy of all strips acts at the hull's centre of buoyancy, and that of a strip as far
+    # ahead of there as the strip is ahead of their common middle
+    dry = area - wet
+    return (1.0, 0.0) if deep else (wet / area, (arm - dry * (first_moment / area)) / area)
 
 
 @inlined

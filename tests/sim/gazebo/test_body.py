@@ -141,6 +141,28 @@ def test_the_centre_of_buoyancy_is_kept_apart_from_the_reference_point(tmp_path:
     np.testing.assert_allclose(hull.record["added_mass"], np.diag([5, 40, 41, 0, 6, 7]), atol=1e-9)
 
 
+def test_the_lengths_of_a_hull_that_emerge_stand_about_its_middle(tmp_path: Path) -> None:
+    """Ten equal ones of 1.6 m, whose middle is 0.5 m ahead of the link of the coefficients."""
+    ahead = ('<collision name="box">', '<collision name="box"><pose>0.5 0 0 0 0 0</pose>')
+    record = import_text(tmp_path, changed(PROBE, ahead)).record
+    middles = 0.5 + 0.16 * (np.arange(10) - 4.5)
+    np.testing.assert_allclose(record["strip_x"][: record["n_strips"]], middles, atol=1e-9)
+
+
+def test_a_collision_stands_relative_to_the_frame_that_it_names(tmp_path: Path) -> None:
+    """0.9 m ahead of the screw, which is at -0.8 m, and so is the mass of a link by its shapes."""
+    moved = (
+        '<collision name="box">',
+        '<collision name="box"><pose relative_to="screw">0.9 0 0.02 0 0 0</pose>',
+    )
+    hull = import_text(tmp_path, changed(PROBE, moved))
+    np.testing.assert_allclose(hull.record["buoyancy_centre"], (0.1, 0.0, 0.02), atol=1e-9)
+    automatic = (HULL_INERTIAL, '<inertial auto="true"/>')
+    hull = import_text(tmp_path, changed(PROBE, moved, automatic))
+    # 40 kg of water there, and 10 g of the screw
+    assert hull.centre[0] == pytest.approx((40.0 * 0.1 - 0.01 * 0.8) / 40.01)
+
+
 def test_a_hull_along_another_axis_is_turned(tmp_path: Path) -> None:
     """Along y: the nose at +y, x of the file to starboard."""
     text = changed(

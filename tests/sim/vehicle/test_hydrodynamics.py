@@ -263,6 +263,37 @@ def test_buoyancy_fades_as_the_hull_emerges() -> None:
     assert abs(float(attitude.heading_pitch_roll(tank.pose[3:])[1])) < 1e-6
 
 
+@pytest.mark.parametrize("place", [-0.3, 0.0, 0.8])
+@pytest.mark.parametrize("pitch", [0.0, 0.1, -0.2, 1.2])
+def test_buoyancy_at_the_surface_does_not_depend_on_the_origin(place: float, pitch: float) -> None:
+    """Σ B a/A (wet share) acts at each strip, wherever the origin is along the hull."""
+    radius, buoyancy = 0.095, 300.0
+    areas = np.array([0.01, 0.03, 0.04, 0.02])
+    ahead_of_middle = np.array([-0.7, -0.2, 0.3, 0.7])
+    ahead_of_middle -= np.average(ahead_of_middle, weights=areas)
+    strip_x = place + ahead_of_middle
+    xml = hull(
+        31.0,
+        [0.1, 4, 4],
+        (place, 0, 0),
+        buoyancy=buoyancy,
+        hull_radius=radius,
+        strip_x=strip_x,
+        strip_area=areas,
+    )
+    centre = f'<numeric name="buoyancy_centre" data="{place!r} 0 0"/></custom>'
+    tank = Tank(xml.replace("</custom>", centre), Ocean(), 0.02)
+    # the middle is 3 cm above the surface
+    origin = [-place * np.cos(pitch), 0.0, 0.03 - place * np.sin(pitch)]
+    # heading east: a turn about port, which is north, lowers the nose
+    tank.place(origin, attitude.from_euler(np.pi / 2, pitch))
+    depth = -(0.03 + ahead_of_middle * np.sin(pitch))
+    wet = np.clip(0.5 + 0.5 * depth / radius, 0.0, 1.0)
+    lift = buoyancy * wet * areas / areas.sum()
+    expected = [0.0, 0.0, lift.sum(), 0.0, -np.sum(lift * strip_x) * np.cos(pitch), 0.0]
+    np.testing.assert_allclose(tank.water_wrench(), expected, atol=1e-9)
+
+
 def test_a_hull_in_a_trough_is_out_of_the_water() -> None:
     """0.6 m below the still surface, under a trough 1 m deep and a crest 1 m high."""
     trough, crest = (
