@@ -13,6 +13,7 @@ Times are in s, or in ns where one is too large for s. Vertices of poses are the
 simulated graphs; in others they may be the file's own estimate, which no line states.
 """
 
+import math
 import re
 from collections import Counter
 from itertools import accumulate, pairwise
@@ -387,6 +388,24 @@ def _triangle(*variances: float) -> list[float]:
     return [float(v) for v in matrix[np.triu_indices(len(variances))]]
 
 
+def _horizontal(slant_range: float, depth_difference: float, sigma: float) -> tuple[float, float]:
+    """A slant range reduced to the plane, and its standard deviation [m].
+
+    With h² = r² − d², errors of r are r/h times as large in h. Where h is no larger than √(r σ),
+    that is its error.
+
+    Args:
+        slant_range: r [m].
+        depth_difference: d, of both ends [m].
+        sigma: standard deviation of the slant range, σ [m].
+    """
+    horizontal_range = math.sqrt(max(slant_range**2 - depth_difference**2, 0.0))
+    error_of_half_square = max(slant_range, sigma) * sigma
+    return horizontal_range, error_of_half_square / max(
+        horizontal_range, math.sqrt(error_of_half_square)
+    )
+
+
 def write_factor_graph(
     measurements: Measurements, settings: TightSettings, start: Floats, truth: Floats, path: Path
 ) -> Path:
@@ -396,7 +415,7 @@ def write_factor_graph(
     Odometry is that of log and compass in the frame of the pose before; the compass gives turns
     alone, so that its bias is the error of the first pose's heading. Each transmitter of a message
     is a landmark at the place that the message gives it. Ranges are reduced to the plane by the
-    depths; their variance holds all errors of a range.
+    depths; their variance holds all errors of a range, as they are in the plane.
 
     `start` is x, y [m] at step 0, shape (2,) or more; `truth` of each step from 0 on: time [s],
     east, north of the hydrophone [m] and heading [rad], shape (n + 1, 4).
@@ -430,8 +449,8 @@ def write_factor_graph(
     )
     first = float(truth[0, 0]), "A0", float(start[0]), float(start[1]), float(yaw[0])
     lines.append(_line_text("VERTEX_SE2:PRIOR", *first, *_triangle(*prior)))
-    range_sigma = np.linalg.norm(
-        [settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma]
+    range_sigma = math.hypot(
+        settings.range_sigma, settings.range_scale_sigma, settings.range_scale_bias_sigma
     )
     for i, (last_step, k) in enumerate(pairwise(steps)):
         time = float(truth[k, 0])
@@ -468,8 +487,8 @@ def write_factor_graph(
         ).tolist():
             landmark = f"L{3 * i + j}"
             position = places[j, :2].tolist()
-            horizontal_range = float(
-                np.sqrt(max(reception.ranges[j] ** 2 - (hydrophone_depth - places[j, 2]) ** 2, 0.0))
+            horizontal_range, horizontal_sigma = _horizontal(
+                float(reception.ranges[j]), float(hydrophone_depth - places[j, 2]), range_sigma
             )
             lines.append(_line_text("VERTEX_XY", landmark, *position))
             lines.append(
@@ -482,7 +501,7 @@ def write_factor_graph(
                     f"A{i + 1}",
                     landmark,
                     horizontal_range,
-                    float(range_sigma) ** 2,
+                    horizontal_sigma**2,
                 )
             )
     with atomic_write(path) as part_file:

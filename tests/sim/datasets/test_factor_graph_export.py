@@ -1,5 +1,6 @@
 """A flight as a factor graph: read back by the importer, and solved by GTSAM."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import laisn_sim
 from laisn_sim.cli.main import app
 from sim.datasets.factor_graph import read_factor_graph
 from sim.flight import FlightRecord
+from tests.synthetic import make_flight
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +70,33 @@ def test_the_importer_reads_odometry_ranges_and_the_true_path(
     np.testing.assert_allclose(
         np.hypot(*data.odometry[:, :2].T), np.hypot(*displacements.T), atol=1e-6
     )
+
+
+def test_variances_of_ranges_are_those_in_the_plane(tmp_path: Path) -> None:
+    """A slant range r of variance σ² is a horizontal one h with (dh/dr)² σ², here by differences,
+    of a follower some 22 m below its leader.
+    """
+    flown = make_flight(30.0)
+    (measured,) = flown.measurements
+    deep = replace(measured, depth=measured.depth + 20.0, ranges=np.hypot(measured.ranges, 20.0))
+    log = laisn_sim.write_log(replace(flown, measurements=(deep,)), tmp_path / "deep.mcap")
+    result = CliRunner().invoke(app, ["log", "export", str(log), str(tmp_path / "out"), "--pyfg"])
+    assert result.exit_code == 0, result.output
+    # random, common to a message, and its mean (docs/scenario.md, [navigation.assume])
+    sigma = np.linalg.norm([0.003, 0.05, 0.2])
+    text = (tmp_path / "out" / "follower.pyfg").read_text()
+    edges = [line.split() for line in text.splitlines() if line.startswith("EDGE_RANGE")]
+    factors = []
+    for _, _, _, landmark, horizontal, variance in edges:
+        # three landmarks for each message
+        message, transmitter = divmod(int(landmark[1:]), 3)
+        slant = deep.ranges[message, transmitter]
+        squared_depth = slant**2 - float(horizontal) ** 2
+        step = 1e-4
+        above, below = np.sqrt((slant + np.array([step, -step])) ** 2 - squared_depth)
+        factors.append((above - below) / (2.0 * step))
+        assert float(variance) == pytest.approx((factors[-1] * sigma) ** 2, rel=1e-4)
+    assert max(factors) > 1.1
 
 
 def test_gtsam_solves_the_exported_graph_to_within_a_metre_of_the_true_path(graph: Path) -> None:
