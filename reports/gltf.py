@@ -14,12 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from laisn.arrays import Floats
+from laisn.estimates import Estimates
 from reports.scene.hulls import hull
 from reports.scene.mission import held, rate_of, smooth_quaternions
 from reports.scene.shapes import Triangles, diamond, triangles_of
 from reports.version import versions
 from sim.film.film_data import ESTIMATE, LEADER, TRUTH
 from sim.flight import FlightRecord
+from sim.log.tum import estimates_of
 from sim.scenario.parts import MissionPlan
 from sim.system import atomic_write
 
@@ -193,16 +195,18 @@ class _Writer:
         self.animate(node, "rotation", quaternion)
         return node
 
-    def estimate(self, follower: int) -> tuple[int, Floats]:
-        """A diamond at a follower's estimate, at its true depth; and its path."""
+    def estimate(self, vehicle: int, estimates: Estimates) -> tuple[int, Floats]:
+        """A diamond at the estimate of a vehicle, 0 for the leader, at its true depth; and its
+        path.
+        """
         file = self.file
         flight = self.flight
-        name = f"{flight.trajectory.names[follower + 1]} estimate"
+        name = f"{flight.trajectory.names[vehicle]} estimate"
         surface = file.surface(diamond(_DIAMOND_M), file.material(ESTIMATE, 0.2))
         node = file.add("nodes", name=name, mesh=file.add("meshes", primitives=[surface]))
         steps = np.clip(self.rows // flight.stride - 1, 0, None)
-        state = held(flight.estimates[follower].state[:, :2])[steps]
-        up = flight.trajectory.position[self.rows, follower + 1, 2:]
+        state = held(estimates.state[:, :2])[steps]
+        up = flight.trajectory.position[self.rows, vehicle, 2:]
         points = np.hstack([state, up])
         self.animate(node, "translation", points)
         return node, points
@@ -220,10 +224,12 @@ def write_gltf(flight: FlightRecord, path: Path) -> None:
         colour = TRUTH if number else LEADER
         name = f"{truth.names[number]} path"
         nodes.append(writer.path(name, truth.position[writer.rows, number], colour))
-    for follower in range(len(flight.estimates)):
-        node, points = writer.estimate(follower)
-        name = f"{truth.names[follower + 1]} estimated path"
-        nodes += [node, writer.path(name, points, ESTIMATE)]
+    for vehicle, vehicle_name in enumerate(truth.names):
+        estimates = estimates_of(flight, vehicle)
+        if estimates is None:
+            continue
+        node, points = writer.estimate(vehicle, estimates)
+        nodes += [node, writer.path(f"{vehicle_name} estimated path", points, ESTIMATE)]
     sea = file.add("nodes", name="sea", rotation=_Z_UP_TO_Y_UP, children=nodes)
     file.add("scenes", name=flight.scenario.name, nodes=[sea])
     file.add("animations", name="mission", samplers=writer.samplers, channels=writer.channels)

@@ -13,7 +13,7 @@ import pyarrow.parquet
 from google.protobuf.descriptor import FieldDescriptor
 
 from sim.log.contents import Contents, LogError, Messages, log_errors
-from sim.log.schema import ERROR, POSE_FIELDS
+from sim.log.schema import POSE_FIELDS, POSITION_ERROR
 from sim.system import atomic_write
 
 _WRITERS = {"parquet": pa.parquet.ParquetWriter, "csv": pa.csv.CSVWriter}
@@ -211,7 +211,7 @@ def write_recording(log_path: Path, path: Path) -> Path:
                 entity = f"world/{name}"
                 columns = rr.Transform3D.columns(translation=xyz, quaternion=xyzw)
             else:
-                error = log.require(topic, ERROR.fields).table(ERROR.fields[:1])
+                error = log.require(topic, POSITION_ERROR.fields).table(POSITION_ERROR.fields)
                 entity = f"errors/{name}/E_P"
                 columns = rr.Scalars.columns(scalars=error[:, 0])
             rr.send_columns(entity, indexes=index, columns=columns, recording=stream)

@@ -1,5 +1,6 @@
 """Flights as glTF, as an independent reader reads them; surfaces of hulls against closed forms."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,11 @@ from typer.testing import CliRunner
 
 from laisn.arrays import Floats
 from laisn_sim.cli.main import app
+from reports.gltf import write_gltf
 from reports.scene import shapes
 from reports.scene.shapes import Triangles
 from sim import attitude
-from sim.flight import FlightRecord
+from sim.flight import FlightRecord, VehicleRecord
 from sim.log import writer
 from tests.synthetic import make_flight
 
@@ -150,6 +152,21 @@ def test_the_estimate_and_its_path_are_the_navigators(
     (line,) = exported.mesh("follower estimated path")
     assert line.mode == pygltflib.LINE_STRIP
     np.testing.assert_array_equal(exported.values(line.attributes.POSITION), position_in_file)
+
+
+def test_a_leader_that_navigates_has_its_estimate_and_path(
+    flight: FlightRecord, tmp_path: Path
+) -> None:
+    record = VehicleRecord(measurements=flight.measurements[0], estimates=flight.estimates[0])
+    write_gltf(replace(flight, leader=record), tmp_path / "leader.glb")
+    exported = Exported(tmp_path / "leader.glb")
+    _, of_leader = exported.motion("leader estimate", "translation")
+    _, of_follower = exported.motion("follower estimate", "translation")
+    np.testing.assert_array_equal(of_leader[:, :2], of_follower[:, :2])
+    _, hull_position = exported.motion("leader", "translation")
+    np.testing.assert_array_equal(of_leader[:, 2], hull_position[:, 2])
+    (line,) = exported.mesh("leader estimated path")
+    np.testing.assert_array_equal(exported.values(line.attributes.POSITION), of_leader)
 
 
 def test_a_hull_is_as_large_as_its_model(exported: Exported) -> None:

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,10 @@ import av
 import numpy as np
 import numpy.typing as npt
 import pytest
+from typer.testing import CliRunner
 
-from sim.flight import FlightRecord
+from laisn_sim.cli.main import app
+from sim.flight import FlightRecord, VehicleRecord
 from sim.log import writer
 from sim.log.contents import Contents, LogError
 from sim.log.export import write_recording
@@ -270,3 +273,20 @@ def test_the_film_decodes_from_the_log(written: Path) -> None:
     assert len(pictures) == len(units) == 20
     levels = [float(picture.to_ndarray(format="gray").mean()) for picture in pictures]
     assert all(after > before for before, after in itertools.pairwise(levels))
+
+
+@pytest.mark.skipif(
+    RERUN is None, reason="the rerun command is not installed (pip install rerun-sdk)"
+)
+def test_a_recording_has_the_errors_of_a_leader_that_navigates(
+    flight: FlightRecord, tmp_path: Path
+) -> None:
+    """They are of its position alone: its log has no bearing to itself."""
+    record = VehicleRecord(measurements=flight.measurements[0], estimates=flight.estimates[0])
+    writer.write(replace(flight, leader=record), tmp_path / "leader.mcap")
+    command = ["log", "export", str(tmp_path / "leader.mcap"), str(tmp_path / "out"), "--rerun"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    columns = rerun("rrd", "print", "-v", tmp_path / "out" / "leader.rrd")
+    for name in ("leader", "follower"):
+        assert f"/errors/{name}/E_P@Scalars:scalars" in columns
