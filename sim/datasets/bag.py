@@ -43,7 +43,8 @@ class Series:
     """Values of a field over time."""
 
     time_ns: Ints  # since 1970, increasing, shape (n,), [ns]
-    values: Floats  # shape (n,), or (n, 4) of a quaternion (x, y, z, w)
+    # shape (n,), or (n, 4) of a quaternion (x, y, z, w); NaN where a message has none
+    values: Floats
     steps_back: int = 0  # how often times stepped back in the order of recording
     repeated: int = 0  # messages at the very time of another, which are left out
     remarks: tuple[str, ...] = ()  # of the topic's clock
@@ -179,6 +180,14 @@ def _number(value: Any, request: Request) -> Any:
     )
 
 
+def _has_value(message: object, path: Sequence[str]) -> bool:
+    """Whether a message has what its field is for: ROS states by −1 as the first element of the
+    covariance beside a field that there is none, as an Imu without an orientation does.
+    """
+    covariance: Any = getattr(_value(message, path[:-1]), f"{path[-1]}_covariance", ())
+    return len(covariance) == 0 or covariance[0] != -1.0
+
+
 def _stamp_ns(message: object, logged_ns: int) -> int:
     """Time in the header of a message; without one, or with one of zero, that of recording."""
     header = getattr(message, "header", None)
@@ -249,7 +258,8 @@ def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -
                 try:
                     if not _holds(message, request.where):
                         continue
-                    value = _value(message, request.field.split("."))
+                    field_path = request.field.split(".")
+                    value = _value(message, field_path)
                 except (AttributeError, IndexError, TypeError):
                     fields = [*_number_fields(reader.typestore, connection.msgtype)]
                     field_list = shortened(", ".join(fields), 800)
@@ -259,6 +269,8 @@ def series_of(path: Path, requests: Sequence[Request], stamps: str = "header") -
                         f"{field_list}"
                     ) from None
                 number = _number(value, request)
+                if not _has_value(message, field_path):
+                    number = np.full(np.shape(number), np.nan)
                 messages[request].append(_Message(*place, stamp_ns, number))
     return BagSeries(
         series={request: _sorted(messages[request]) for request in requests},

@@ -19,6 +19,7 @@ from sim.datasets.bag import Request, Series, series_of
 from sim.datasets.field_map import (
     LATITUDE,
     LONGITUDE,
+    QUATERNION,
     FieldEntry,
     FieldMap,
     GeodeticOrigin,
@@ -131,7 +132,7 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
                 f"{field_map.path}: {field}: no message of {entry.topic} in {path}"
                 f"{' has these values' if entry.where else ''}"
             )
-        if (raw.values.ndim == 2) != (entry.unit == "quaternion"):
+        if (raw.values.ndim == 2) != (entry.unit == QUATERNION):
             raise LaisnError(
                 f"{field_map.path}: {field}: unit {entry.unit!r} does not fit the field "
                 f"{entry.field} of {entry.topic}; an orientation has the unit 'quaternion', and "
@@ -141,6 +142,8 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
             values = entry.in_si(raw.values, field, origin)
         except ValueError as error:
             raise LaisnError(f"{field_map.path}: {field}: {error}") from None
+        if entry.unit == QUATERNION:
+            remarks += _orientation_remarks(field_map.path, field, entry, values)
         series[field] = Series(time_ns=raw.time_ns, values=values)
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
@@ -162,6 +165,27 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
         series=series,
         constants=constants,
     ), remarks
+
+
+def _orientation_remarks(
+    map_path: Path, field: str, entry: FieldEntry, angles: Floats
+) -> list[str]:
+    """How many messages have no orientation, by the angles of a field; LaisnError if none has
+    one.
+    """
+    missing = int(np.count_nonzero(np.isnan(angles)))
+    if missing == 0:
+        return []
+    if missing == angles.size:
+        others = (
+            "topic or value, or derive = true" if field == "leader_heading" else "topic or value"
+        )
+        raise LaisnError(
+            f"{map_path}: {field}: {entry.field} of {entry.topic} is an orientation in none of its "
+            f"{missing} messages: its numbers are 0, or its covariance begins with -1, which "
+            f"states that it is not measured; expected another {others}"
+        )
+    return [f"{missing} messages of {entry.topic} without an orientation left out"]
 
 
 def _order_remarks(topic: str, series: Series) -> list[str]:

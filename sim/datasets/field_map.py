@@ -163,9 +163,11 @@ def units_of(name: str) -> dict[str, float]:
 
 def _angle_of(xyzw: Floats, name: str) -> Floats:
     """Compass heading, pitch or roll [rad], whichever the field `name` is, shape (n,), of
-    orientations from forward, port, up to east, north, up, shape (n, 4).
+    orientations from forward, port, up to east, north, up, shape (n, 4). NaN where all four numbers
+    are zero, which is how ROS leaves an orientation that nothing has measured.
     """
-    x, y, z, w = xyzw.T
+    length = np.linalg.norm(xyzw, axis=1, keepdims=True)
+    x, y, z, w = np.divide(xyzw, length, out=np.full(xyzw.shape, np.nan), where=length > 0.0).T
     if name.endswith("pitch"):
         return np.asarray(np.arcsin(np.clip(2.0 * (x * z - w * y), -1.0, 1.0)))
     if name.endswith("roll"):

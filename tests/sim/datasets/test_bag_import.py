@@ -354,6 +354,62 @@ def test_a_pitch_between_two_readings_keeps_its_sign(tmp_path: Path) -> None:
     assert measured.message[:, column] == pytest.approx(expected, abs=1e-9)
 
 
+def with_orientations(change: Callable[[int, dict[str, Any]], dict[str, Any]]) -> list[Message]:
+    """Messages of a whole dive, with other fields of those of the compass, by their number."""
+    own = own_messages()
+    compass = [message for message in own if message[0] == "/auv/imu"]
+    others = [message for message in own if message[0] != "/auv/imu"]
+    changed = [
+        (topic, type_name, time_ns, change(k, dict(fields)))
+        for k, (topic, type_name, time_ns, fields) in enumerate(compass)
+    ]
+    return in_order(others, changed, leader_messages(), range_messages())
+
+
+def test_the_length_of_a_quaternion_does_not_count(tmp_path: Path) -> None:
+    def doubled(_: int, fields: dict[str, Any]) -> dict[str, Any]:
+        numbers = {axis: 2.0 * value for axis, value in fields["orientation"].items()}
+        return {**fields, "orientation": numbers}
+
+    measured = read_by(MAP + LEADER + RANGE, with_orientations(doubled), tmp_path)
+    expected = np.deg2rad(HEADING_DEG + TURN_DEG_S * (0.125 + 0.2 * np.arange(measured.speed.size)))
+    turns = np.exp(1j * (measured.heading - expected))
+    np.testing.assert_allclose(turns, 1.0, atol=1e-6)
+
+
+ZEROS = {"orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}}
+# as sensor_msgs/Imu states that it has no orientation
+NOT_MEASURED = {"orientation": {"w": 1.0}, "orientation_covariance": [-1.0] + [0.0] * 8}
+
+
+@pytest.mark.parametrize("nothing", [ZEROS, NOT_MEASURED], ids=["zeros", "covariance"])
+def test_messages_without_an_orientation_have_no_heading(
+    nothing: dict[str, Any], tmp_path: Path
+) -> None:
+    """Every second one, so that headings between the others count, at 2°/s."""
+
+    def every_second(k: int, fields: dict[str, Any]) -> dict[str, Any]:
+        return {**fields, **nothing} if k % 2 else fields
+
+    measured = read_by(MAP + LEADER + RANGE, with_orientations(every_second), tmp_path)
+    expected = np.deg2rad(HEADING_DEG + TURN_DEG_S * (0.125 + 0.2 * np.arange(measured.speed.size)))
+    turns = np.exp(1j * (measured.heading - expected))
+    np.testing.assert_allclose(turns, 1.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("nothing", [ZEROS, NOT_MEASURED], ids=["zeros", "covariance"])
+def test_a_topic_without_any_orientation_is_refused(
+    nothing: dict[str, Any], tmp_path: Path
+) -> None:
+    messages = with_orientations(lambda _, fields: {**fields, **nothing})
+    bag = write_ros2(tmp_path / "dive", messages)
+    (tmp_path / "map.toml").write_text(MAP + LEADER + RANGE)
+    result = run("import", bag, "--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap")
+    assert result.exit_code == 2, result.output
+    text = printed_text(result)
+    assert "map.toml: heading: orientation of /auv/imu is an orientation in none of its 400" in text
+
+
 def test_a_held_value_is_the_last_one(tmp_path: Path) -> None:
     held = re.sub(r'(field = "pose.pose.position.x")', r"\1\nhold = true", LEADER)
     messages = in_order(own_messages(), leader_messages(), range_messages())
@@ -406,9 +462,9 @@ def test_robots_are_found_by_the_names_of_frames(tmp_path: Path) -> None:
     for k in range(200):
         time_ns = START_NS + 100_000_000 * k
         for name in ("alpha", "beta"):
-            messages.append(
-                (f"/{name}/odom", "nav_msgs/msg/Odometry", time_ns, stamped(time_ns, "map"))
-            )
+            pose = {"pose": {"orientation": yaw_quaternion(0.0)}}
+            odometry = stamped(time_ns, "map", pose=pose)
+            messages.append((f"/{name}/odom", "nav_msgs/msg/Odometry", time_ns, odometry))
     for k in range(1, 19):
         for i, name in enumerate(("alpha", "beta")):
             time_ns = START_NS + 10**9 * k + 30_000_000 * i
