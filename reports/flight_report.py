@@ -458,6 +458,19 @@ def scene_of_flight(flight: FlightRecord, events: Sequence[Event] | None = None)
     return scene_of(flight, flight_events(flight) if events is None else events, mirror_locked)
 
 
+def _with_estimates(flight: FlightRecord) -> tuple[list[str], list[str]]:
+    """Names of followers whose estimates are finite from the first one on, and of those whose are
+    not; neither has those that never have one.
+    """
+    estimated = list[str]()
+    not_finite = list[str]()
+    for name, estimates in zip(flight.trajectory.names[1:], flight.estimates, strict=True):
+        state = estimates.state[estimates.steps_without_estimate :]
+        if len(state):
+            (estimated if np.isfinite(state).all() else not_finite).append(name)
+    return estimated, not_finite
+
+
 def flight_report(
     flight: FlightRecord,
     errors: Errors,
@@ -472,23 +485,14 @@ def flight_report(
     """
     bounds_by_follower = bounds or flight_bounds(flight)
     names = flight.trajectory.names[1:]
-    without_estimate = flight.without_estimate
-    finite_names = [
-        name
-        for name, estimates in zip(names, flight.estimates, strict=True)
-        if name not in without_estimate
-        and np.isfinite(estimates.state[estimates.steps_without_estimate :]).all()
-    ]
+    estimated, not_finite = _with_estimates(flight)
     gave_way_s = sightings(MotionSettings.of(flight.scenario), flight.trajectory).detected_s
     with_station = [i for i in _drawn(flight) if flight.scenario.followers[i].station]
     overview = _overview(flight, errors) if len(names) > 1 else None
     release_mapped_memory()
-    not_finite = [name for name in names if name not in [*finite_names, *without_estimate]]
     accuracies = {}
     if not not_finite:
-        accuracies = {
-            name: accuracy(flight, i) for i, name in enumerate(names) if name in finite_names
-        }
+        accuracies = {name: accuracy(flight, names.index(name)) for name in estimated}
     release_mapped_memory()
     judgement = verdict(flight, track_errors(MotionSettings.of(flight.scenario), flight.trajectory))
     segments = _segments(summary)
@@ -503,9 +507,9 @@ def flight_report(
         "nearest": closest_approaches(flight.trajectory) if with_station else (),
         "gave_way": {name: s for name, s in zip(names, gave_way_s.tolist(), strict=True) if s > 0},
         "contacts": contacts(flight.trajectory),
-        "without_estimate": without_estimate,
+        "without_estimate": flight.without_estimate,
         "not_finite": not_finite,
-        "mirror_locked": mirror_locks(flight, finite_names),
+        "mirror_locked": mirror_locks(flight, estimated),
         "mirror_lock_error_m": metrics.MIRROR_LOCK_ERROR,
         "overview": overview,
         "accuracies": accuracies,

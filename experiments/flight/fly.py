@@ -257,6 +257,24 @@ def _require_measured(flight: FlightRecord, navigations: Sequence[Navigation]) -
             )
 
 
+def _navigated_with(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
+    """A scenario with changes of its navigation; arguments and errors as of `navigate_again`."""
+    outside = [key for key in changes if not _KEY_OF_NAVIGATION.match(key)]
+    if outside:
+        raise ScenarioError(
+            f"{outside[0]}: a replay can change navigation only; what was measured is fixed"
+        )
+    of_all = {key: value for key, value in changes.items() if key.startswith("navigation.")}
+    table = assigned(scenario.model_dump(mode="json", exclude_none=True), of_all)
+    for i, follower in enumerate(scenario.followers):
+        if follower.navigation is not None:
+            own = {f"followers.{i}.{key}": value for key, value in of_all.items()}
+            table = assigned(table, own)
+    table = assigned(table, {key: changes[key] for key in changes if key not in of_all})
+    changes_text = [f"{key} = {value}" for key, value in changes.items()]
+    return validate(table, ", ".join([scenario.name, *changes_text]))
+
+
 def navigate_again(
     flight: FlightRecord,
     changes: Mapping[str, Any] | None = None,
@@ -278,21 +296,7 @@ def navigate_again(
         raise ScenarioError(
             f"changes: expected a table of values by dotted key (given: {changes!r:.80})"
         )
-    outside = [key for key in changes if not _KEY_OF_NAVIGATION.match(key)]
-    if outside:
-        raise ScenarioError(
-            f"{outside[0]}: a replay can change navigation only; what was measured is fixed"
-        )
-    of_all = {key: value for key, value in changes.items() if key.startswith("navigation.")}
-    table = assigned(flight.scenario.model_dump(mode="json", exclude_none=True), of_all)
-    for i, follower in enumerate(flight.scenario.followers):
-        if follower.navigation is not None:
-            own = {f"followers.{i}.{key}": value for key, value in of_all.items()}
-            table = assigned(table, own)
-    table = assigned(table, {key: changes[key] for key in changes if key not in of_all})
-    scenario = validate(
-        table, ", ".join([flight.scenario.name, *(f"{k} = {v}" for k, v in changes.items())])
-    )
+    scenario = _navigated_with(flight.scenario, changes)
     followers = range(len(scenario.followers))
     _require_measured(flight, [scenario.navigation_of(i) for i in followers])
     estimates = []
