@@ -585,19 +585,21 @@ def idle_reason(table: Section, key: str) -> str:
     switch = _switch_of(found, name)
     if switch:
         return f"{path}{dot}{switch} = {_value_text(getattr(found, switch))}"
-    return _unread_reason(table, key) if isinstance(table, Scenario) else ""
+    if not isinstance(table, Scenario):
+        return ""
+    navigations = [table.navigation_of(follower) for follower in range(len(table.followers))]
+    return _unread_reason(navigations, key)
 
 
-def _unread_reason(scenario: Scenario, key: str) -> str:
-    """Which navigators leave a dotted key of a table of navigation unread; "" if one reads it, or
-    it is none.
+def _unread_reason(navigations: Sequence[Navigation], key: str) -> str:
+    """Which navigators, of each follower, leave a dotted key of a table of navigation unread; "" if
+    one reads it, or it is none.
     """
     owner, navigation, setting = key.rpartition("navigation.")
     if not navigation or owner.startswith("leader"):
         return ""
     index = owner.removeprefix("followers.").removesuffix(".")
-    followers = [int(index)] if index.isdecimal() else range(len(scenario.followers))
-    readers = [scenario.navigation_of(follower) for follower in followers]
+    readers = [navigations[int(index)]] if index.isdecimal() else navigations
     if any(reader.reads(setting) for reader in readers):
         return ""
     return f"{owner}navigation.variant = {_variants_text(readers)}"
@@ -631,17 +633,18 @@ def _idle_keys(table: Section, path: str = "") -> list[str]:
     return lines
 
 
-def _unread_keys(scenario: Scenario) -> list[str]:
+def _unread_keys(
+    common: Navigation, own: Sequence[Navigation | None], navigations: Sequence[Navigation]
+) -> list[str]:
     """A line for the keys of each table of navigation that are set and that none of the navigators
-    it is for reads.
+    it is for reads: of `[navigation]`, and of each follower's own one, if it has any.
+
+    `navigations` are those of each follower, with keys of both.
     """
-    followers = range(len(scenario.followers))
-    navigations = [scenario.navigation_of(i) for i in followers]
-    tables = [("navigation", scenario.navigation, navigations)]
-    for i in followers:
-        own = scenario.followers[i].navigation
-        if own is not None:
-            tables.append((f"followers[{i}].navigation", own, [navigations[i]]))
+    tables = [("navigation", common, navigations)]
+    for i, table in enumerate(own):
+        if table is not None:
+            tables.append((f"followers[{i}].navigation", table, [navigations[i]]))
     lines = []
     for name, table, readers in tables:
         keys = [
@@ -674,7 +677,11 @@ def cautions(scenario: Scenario) -> list[str]:
     remarks = [
         *effect_cautions(MotionSettings.of(scenario)),
         *_idle_keys(scenario),
-        *_unread_keys(scenario),
+        *_unread_keys(
+            scenario.navigation,
+            [follower.navigation for follower in scenario.followers],
+            [scenario.navigation_of(i) for i in range(len(scenario.followers))],
+        ),
     ]
     if not scenario.keys_needing_closed_loop():
         # nobody steers by what is received

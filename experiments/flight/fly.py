@@ -257,8 +257,11 @@ def _require_measured(flight: FlightRecord, navigations: Sequence[Navigation]) -
             )
 
 
-def _navigated_with(scenario: Scenario, changes: Mapping[str, Any]) -> Scenario:
-    """A scenario with changes of its navigation; arguments and errors as of `navigate_again`."""
+def _navigated_with(flight: FlightRecord, changes: Mapping[str, Any]) -> Scenario:
+    """The scenario of a flight with changes of its navigation; arguments and errors as of
+    `navigate_again`.
+    """
+    scenario = flight.scenario
     outside = [key for key in changes if not _KEY_OF_NAVIGATION.match(key)]
     if outside:
         raise ScenarioError(
@@ -296,7 +299,7 @@ def navigate_again(
         raise ScenarioError(
             f"changes: expected a table of values by dotted key (given: {changes!r:.80})"
         )
-    scenario = _navigated_with(flight.scenario, changes)
+    scenario = _navigated_with(flight, changes)
     followers = range(len(scenario.followers))
     _require_measured(flight, [scenario.navigation_of(i) for i in followers])
     estimates = []
