@@ -409,8 +409,9 @@ class Simulation:
         """Command a vehicle as `require_command` demands."""
         index = self.names.index(vehicle)
         outside = self._commands
-        # guidance begins anew where control changes hands
-        outside.begins[index] |= command is None or outside.kind[index] == NOTHING
+        # guidance begins anew where control changes hands, and after a wrench or states of
+        # effectors, which it does not follow
+        outside.begins[index] |= command is None or outside.kind[index] != MOTION
         self._mission.routes.commanded_from_outside[index] = command is not None
         if command is None:
             outside.kind[index] = NOTHING

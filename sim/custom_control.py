@@ -181,6 +181,8 @@ class CustomControl:
         self._effector_counts = [len(names) for names in plant.effector_names]
         self._routes = routes
         self._reference = records(REFERENCE, 1)[0]
+        # vehicles whose autopilots hold what their controllers commanded last
+        self._held = set[int]()
 
     def __bool__(self) -> bool:
         return bool(self._controllers)
@@ -207,6 +209,7 @@ class CustomControl:
         motion = steering.measured_motion(senses.reading, estimate, CONTROL_STEP_S, follower_memory)
         effector_command = self._routes.command[i]
         if isinstance(answer, Wrench):
+            self._held.discard(i)
             autopilot_design = self._routes.autopilot_designs[i]
             autopilot_memory = self._routes.autopilot_memories[i]
             autopilot_memory.wrench[:] = answer
@@ -218,6 +221,7 @@ class CustomControl:
                 effector_command,
             )
         elif isinstance(answer, np.ndarray):
+            self._held.discard(i)
             # rows are as long as the largest number of effectors
             effector_command[: len(answer)] = answer
         else:
@@ -229,16 +233,18 @@ class CustomControl:
     ) -> None:
         """Write what the autopilot commands to hold the demand of a `Command`.
 
-        Of `_reference`, a scratch record, only the depth is set; the rest stays 0.
+        Of `_reference`, a scratch record, only the depth is set; the rest stays 0. Guidance begins
+        where the hull is, by its measured motion, unless the autopilot held the command before.
         """
         routes = self._routes
         reference = self._reference
         guidance: Record = routes.guidance[i]
         reference.depth = depth
-        if k == 0:
+        if i not in self._held:
             start_guidance(
-                routes.reference[0, i], motion.heading, motion.surge, (0.0, 0.0), guidance
+                routes.reference[k, i], motion.heading, motion.surge, (0.0, 0.0), guidance
             )
+            self._held.add(i)
         steered = limit_command(heading, speed, CONTROL_STEP_S, guidance)
         autopilot_design = routes.autopilot_designs[i]
         autopilot_memory = routes.autopilot_memories[i]

@@ -7,6 +7,7 @@ import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +20,9 @@ from laisn.plugins import register
 from laisn_sim import Simulation, Wrench
 from sim.custom_control import Readings
 from sim.flight import FlightRecord, Termination
+from sim.simulation import OutsideCommands
+from sim.tracking import MissionBounds
+from sim.water.floors import LevelFloor
 
 STATIONS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
@@ -224,6 +228,26 @@ def test_a_command_is_worked_out_once_at_each_instant_that_it_holds(command: Any
         given_again.step()
     require_same_bits(one_by_one.flight(), in_one.flight())
     require_same_bits(given_again.flight(), in_one.flight())
+
+
+@pytest.mark.parametrize("forces", [Wrench(surge=5.0), np.zeros(2)])
+def test_guidance_begins_anew_at_a_command_after_forces(forces: Any) -> None:
+    """As at the first command, and where the vehicle is the scenario's again; not at a command that
+    follows another one.
+    """
+    sim: Any = object.__new__(Simulation)
+    plant = SimpleNamespace(names=("rov",), effector_names=[("port", "starboard")])
+    routes = SimpleNamespace(commanded_from_outside=np.zeros(1, dtype=np.bool_))
+    sim._mission = SimpleNamespace(plant=plant, routes=routes)
+    sim._commands = OutsideCommands.none(1, 2)
+    sim._bounds = MissionBounds(LevelFloor(30.0), (None,))
+    ahead = laisn_sim.Command(heading=0.3, speed=1.0, depth=9.0)
+    begins = []
+    for command in (ahead, ahead, forces, ahead, ahead, None, ahead):
+        sim._commands.begins[:] = False
+        sim.command("rov", command)
+        begins.append(bool(sim._commands.begins[0]))
+    assert begins == [True, False, False, True, False, True, True]
 
 
 @pytest.mark.parametrize("by_controller", [False, True])

@@ -2,6 +2,7 @@
 readings.
 """
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import laisn_sim
+from laisn.arrays import records
 from laisn.errors import LaisnError
 from laisn.plugins import register, takes_readings
+from laisn.swarm import ESTIMATE, READING
+from sim import custom_control
 from sim.closed_loop import simulate_closed_loop
+from sim.control.autopilot import AUTOPILOT_MEMORY
+from sim.control.follower import FOLLOWER_MEMORY, Senses
+from sim.control.guidance import GUIDANCE_MEMORY, REFERENCE
 from sim.flight import FlightRecord, navigate
 
 CALLS: dict[str, list[Any]] = {}
@@ -201,6 +208,61 @@ def test_a_class_without_readings_is_no_controller_of_a_follower() -> None:
         LaisnError, match=r"expected a class with `control\(readings, belief, dt\)`"
     ):
         laisn_sim.load("T5", {"followers.0.controller": register(WithoutReadings)})
+
+
+class Answering:
+    """Gives the answers that it is made of, one after the other."""
+
+    def __init__(self, answers: list[Any]) -> None:
+        self.answers = iter(answers)
+
+    def control(self, readings: Any, belief: Any, dt: float) -> Any:
+        return next(self.answers)
+
+
+@pytest.mark.parametrize("forces", [laisn_sim.Wrench(surge=5.0), np.zeros(2)])
+def test_a_command_after_forces_begins_where_the_hull_is(
+    monkeypatch: pytest.MonkeyPatch, forces: Any
+) -> None:
+    """The autopilot gets heading and speed as they are measured at the first command, and at the
+    first one after forces that turned the hull; neither is turned towards.
+    """
+    steered: list[Any] = []
+    monkeypatch.setattr(custom_control, "apply_wrench", lambda *_: None)
+    monkeypatch.setattr(custom_control, "control", lambda *args: steered.append(args[2]))
+    headings = [0.3, 1.3, 2.3]
+    speeds = [1.0, 0.9, 0.7]
+    answers = [
+        forces,
+        laisn_sim.Command(headings[1], speeds[1], 5.0),
+        forces,
+        laisn_sim.Command(headings[2], speeds[2], 5.0),
+    ]
+    vehicle: Any = SimpleNamespace(controller=register(Answering), without_hidden_errors=answers)
+    plant: Any = SimpleNamespace(names=("rov",), effector_names=[("port", "starboard")])
+    routes: Any = SimpleNamespace(
+        kinds=None,
+        reference=records(REFERENCE, 4)[:, None],
+        guidance=records(GUIDANCE_MEMORY, 1),
+        autopilot_designs=[None],
+        autopilot_memories=records(AUTOPILOT_MEMORY, 1),
+        command=np.zeros((1, 2)),
+    )
+    controls = custom_control.CustomControl({0: vehicle}, plant, routes)
+    reading = records(READING, 1)[0]
+    estimate = records(ESTIMATE, 1)[0]
+    memory = records(FOLLOWER_MEMORY, 1)[0]
+    for k, moment in enumerate([0, 1, 1, 2]):
+        reading.heading = headings[moment]
+        reading.speed = speeds[moment]
+        # readings are taken as they are, not smoothed with those before
+        memory.log = np.nan
+        readings = custom_control.readings_of(0.1 * k, reading, None, {}, {})
+        controls.command(k, 0, readings, Senses(reading, estimate), memory)
+    assert steered == [
+        pytest.approx((headings[1], 0.0, speeds[1])),
+        pytest.approx((headings[2], 0.0, speeds[2])),
+    ]
 
 
 class Rolling:
