@@ -40,10 +40,10 @@ def noise_of(sensing: SensingSettings, navigation: Navigation, follower: int = 0
     """What is truly random in a mission; of biases, what `navigation.assume` states as known
     before it.
 
-    Leader's compass, current, transmitters' offsets and the clock are unknown only where the
-    mission has such errors, or has them estimated: a bound for estimators with less prior
-    information would be too high. Biases that are assumed to drift, an estimated current and the
-    clock walk as the navigator assumes.
+    Leader's compass and current are unknown only where the mission has such errors, or has them
+    estimated, transmitters' offsets and the clock only where they are estimated: a bound for
+    estimators with less prior information would be too high. Biases that are assumed to drift, an
+    estimated current and the clock walk as the navigator assumes.
     """
     errors = navigated_errors_of(sensing, follower)
     assumed = in_si(dict(navigation.assume))

@@ -260,6 +260,17 @@ def _track_of_run(path: Path, track: Track, rows: Ints) -> Track:
     return Track(time, track.position[rows], track.covariance[rows])
 
 
+def _seed(path: Path, text: str) -> int:
+    """A seed as a table or a path states it; LaisnError unless it is a whole number."""
+    try:
+        seed = float(text)
+    except ValueError:
+        seed = math.nan
+    if not seed.is_integer():
+        raise LaisnError(f"{path}: seed {text!r:.60}; expected a whole number, as of the data")
+    return int(seed)
+
+
 def _rows_by_run(
     path: Path, columns: Mapping[str, Any], stated: Mapping[str, str]
 ) -> Iterator[tuple[FollowerRun, Ints]]:
@@ -280,11 +291,7 @@ def _rows_by_run(
     for row, key in enumerate(zip(*labels, strict=True)):
         rows_of.setdefault(key, []).append(row)
     for (mission, seed, follower), rows in rows_of.items():
-        try:
-            number = int(float(seed))
-        except ValueError:
-            raise LaisnError(f"{path}: seed {seed!r} is no number") from None
-        yield FollowerRun(mission, number, follower), np.array(rows)
+        yield FollowerRun(mission, _seed(path, seed), follower), np.array(rows)
 
 
 def _tables(source: Path) -> Iterator[tuple[Path, dict[str, str]]]:

@@ -80,6 +80,15 @@ def test_bad_estimates_are_refused_with_file_and_column(
     assert "follower.csv" in message
 
 
+@pytest.mark.parametrize("seed", ["1.5", "inf", "nan", "first"])
+def test_a_seed_is_a_whole_number(tmp_path: Path, seed: str) -> None:
+    file = tmp_path / "mine.csv"
+    rows = f"mission,seed,follower,time_s,x_m,y_m\nastern,{seed},follower,1,0,0\n"
+    file.write_text(rows, encoding="utf-8")
+    message = laisn("score", file, "--data", SAMPLE, code=2)
+    assert f"mine.csv: seed {seed!r}; expected a whole number" in message
+
+
 def test_a_mission_that_does_not_exist_is_named(tmp_path: Path) -> None:
     write_estimates(tmp_path, 0.0)
     mission = next(path for path in tmp_path.iterdir() if path.is_dir())
