@@ -376,6 +376,8 @@ def _guide(k: int, truth: StateHistory, state: ClosedLoopState) -> None:
     for f in range(state.kinds.size):
         i = f + 1
         if routes.commanded_from_outside[i]:
+            # it starts anew where it then is
+            state.memory[f].log = np.nan
             continue
         senses = steering.Senses(state.readings[f], state.estimates[f])
         if state.kinds[f] == ON_ROUTE:

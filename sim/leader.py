@@ -243,6 +243,8 @@ class LeaderUnit:
         it or the leader keeps to its route by the truth.
         """
         if self._routes.commanded_from_outside[LEADER]:
+            # it starts anew where it then is
+            self._memory[0].log = np.nan
             return
         if self._control is not None:
             is_due = k > 0 and k % self._stride == 0

@@ -290,6 +290,7 @@ def measured_motion(
         memory.log = reading.speed
         memory.compass = reading.heading
         memory.depth = reading.depth
+        memory.sinking = 0.0
     memory.log += (reading.speed - memory.log) * dt / _LOG_TIME
     # turning is positive to port, headings are clockwise
     memory.compass -= reading.turning * dt

@@ -250,6 +250,24 @@ def test_guidance_begins_anew_at_a_command_after_forces(forces: Any) -> None:
     assert begins == [True, False, False, True, False, True, True]
 
 
+def test_a_follower_goes_on_to_its_station_from_where_commands_have_left_it() -> None:
+    """From east to north and down by commands: it wants to turn from there on, by no more than its
+    compass is off, and not from the east, where it was before.
+    """
+    sim = Simulation({**CLOSED_LOOP, "duration_s": 30.0})
+    sim.step(5.0)
+    sim.command("port", laisn_sim.Command(heading=0.0, speed=1.0, depth=12.0))
+    sim.step(15.0)
+    sim.command("port", None)
+    sim.step(0.1)
+    vehicle = sim.truth["port"]
+    loop: Any = sim._mission.controller
+    wanted = loop.state.memory[0]
+    assert np.cos(vehicle.heading) > np.cos(np.deg2rad(3.0))
+    assert np.cos(wanted.heading_wanted - vehicle.heading) > np.cos(np.deg2rad(15.0))
+    assert wanted.depth_wanted == pytest.approx(vehicle.depth, abs=0.2)
+
+
 @pytest.mark.parametrize("by_controller", [False, True])
 def test_a_moment_of_roll_heels_a_hull_that_can_give_it(by_controller: bool) -> None:
     """To starboard, until the weight below the centre of buoyancy balances it: 0.6 N m =
