@@ -176,6 +176,17 @@ def read_columns(path: Path) -> dict[str, Any]:
     return columns
 
 
+def _first_text(cells: Sequence[str | None]) -> tuple[int, str]:
+    """Number, from 1 on, and text of the first cell that is no number."""
+    for row, cell in enumerate(cells, start=1):
+        try:
+            float(cell or "nan")
+        except ValueError:
+            return row, str(cell)
+    # all are numbers to Python, which takes 1_000, too
+    return 1, str(cells[0])
+
+
 def require_numbers(path: Path, columns: Mapping[str, Any], names: Sequence[str]) -> Floats:
     """Columns of numbers by their names, shape (n, len(names)); LaisnError naming the first that is
     not there or holds other things.
@@ -187,7 +198,10 @@ def require_numbers(path: Path, columns: Mapping[str, Any], names: Sequence[str]
                 f"{', '.join(columns)})"
             )
         if columns[name].dtype == object:
-            raise LaisnError(f"{path}: column {name!r} holds cells that are no numbers")
+            row, cell = _first_text(columns[name])
+            raise LaisnError(
+                f"{path}: column {name!r}, row {row} of the values: {cell!r:.60}; expected a number"
+            )
     return np.column_stack([columns[name] for name in names])
 
 

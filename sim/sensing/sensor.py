@@ -194,14 +194,14 @@ class SensorDriver:
     def __post_init__(self) -> None:
         if not (self.header.channels or self._by_rows):
             raise LaisnError(
-                f"sensor {self.kind} has no channels; expected their names and units, as in "
-                'channels = {"altitude": "m"}'
+                f"sensor {class_and_file(self.sensor)} has no channels; expected their names and "
+                'units, as in channels = {"altitude": "m"}'
             )
         steps = self.header.period / self.dt
         if abs(steps - round(steps)) > 1e-6:
             raise LaisnError(
-                f"sensor {self.kind}: period = {self.header.period:g} s is no multiple of "
-                f"filter_step_s = {self.dt:g}"
+                f"sensor {class_and_file(self.sensor)}: period = {self.header.period:g} s is no "
+                f"multiple of filter_step_s = {self.dt:g} of the scenario's [timing]"
             )
 
     @property
@@ -376,6 +376,7 @@ def require_distinct(drivers: Sequence[SensorDriver]) -> None:
         # numbers below are those of the project's own sensors, whose noise another would repeat
         if driver.is_custom and (not isinstance(stream, int) or stream not in CUSTOM_STREAMS):
             raise LaisnError(
-                f"sensor {driver.kind}: stream = {stream!r}; expected {CUSTOM_STREAMS[0]} … "
+                f"sensor {class_and_file(driver.sensor)}: stream = {stream!r}; expected "
+                f"{CUSTOM_STREAMS[0]} … "
                 f"{CUSTOM_STREAMS[-1]}"
             )

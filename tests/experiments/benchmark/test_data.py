@@ -72,11 +72,11 @@ def test_what_killed_workers_left_half_written_is_removed(
         (lambda lines: lines[:1], "has no rows"),
         (
             lambda lines: [*lines[:-1], ",".join(["x"] * len(lines[0].split(",")))],
-            "column 'time .s.' holds cells that are no numbers",
+            "column 'time .s.', row [0-9]+ of the values: 'x'; expected a number",
         ),
         (
             lambda lines: [*lines[:-1], lines[-1].rpartition(",")[0] + ",x"],
-            "column 'range_middle .m.' holds cells that are no numbers",
+            "column 'range_middle .m.', row [0-9]+ of the values: 'x'; expected a number",
         ),
     ],
 )

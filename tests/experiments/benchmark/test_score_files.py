@@ -64,7 +64,10 @@ def test_a_navigator_and_its_estimates_have_the_same_score(tmp_path: Path) -> No
     ("text", "expected"),
     [
         ("time_s,x_m\n1,2\n", "lacks column 'y_m'"),
-        ("time_s,x_m,y_m\n1,2,north\n", "column 'y_m' holds cells that are no numbers"),
+        (
+            "time_s,x_m,y_m\n1,2,3\n2,2,north\n",
+            "column 'y_m', row 2 of the values: 'north'; expected a number",
+        ),
         ("time_s,x_m,y_m\n2,0,0\n1,0,0\n", "goes from 2 to 1 s"),
         ("x,y\n", "lacks column"),
     ],
