@@ -117,6 +117,13 @@ _OF_LAISN_ALONE = {field.name for field in fields(NavigationSettings)} - {
 """Settings in `[navigation]` itself, without their units, that navigators with tables of their own
 do not read.
 """
+_OF_BOUND = {
+    *("speed_bias_sigma", "heading_bias_sigma", "range_scale_bias_sigma"),
+    *("leader_heading_bias_sigma", "current_sigma", "drift"),
+}
+"""Settings in `[navigation.assume]`, without their units, that the Cramér–Rao bound takes whatever
+the navigator (`reports.bound.noise_of`).
+"""
 _SECTIONS = ("assume", "rival", "beacons")
 """Tables of settings of other navigators. Keys of `custom` that are none of its class are refused.
 """
@@ -192,13 +199,15 @@ class Navigation(FurtherKeys):
         return of_hull if stated is None else float(stated)
 
     def reads(self, key: str) -> bool:
-        """Whether the navigator takes a key of this table, such as "assume.clock", into account;
-        one of a plugin that is not loaded may take all.
+        """Whether the navigator, or the bound of its errors, takes a key of this table, such as
+        "assume.clock", into account; one of a plugin that is not loaded may take all.
         """
         if not is_known(self.variant):
             return True
         sections = find(self.variant).sections
-        section, dot, _ = key.partition(".")
+        section, dot, setting = key.partition(".")
+        if section == "assume" and split_unit(setting)[0] in _OF_BOUND:
+            return True
         if dot:
             return section in sections
         return not sections or split_unit(key)[0] not in _OF_LAISN_ALONE

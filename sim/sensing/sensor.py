@@ -377,6 +377,5 @@ def require_distinct(drivers: Sequence[SensorDriver]) -> None:
         if driver.is_custom and (not isinstance(stream, int) or stream not in CUSTOM_STREAMS):
             raise LaisnError(
                 f"sensor {class_and_file(driver.sensor)}: stream = {stream!r}; expected "
-                f"{CUSTOM_STREAMS[0]} … "
-                f"{CUSTOM_STREAMS[-1]}"
+                f"{CUSTOM_STREAMS[0]} … {CUSTOM_STREAMS[-1]}"
             )

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from experiments.flight.fly import fly
 from experiments.flight.library import as_scenario, scenario_names
 from laisn_sim.cli.main import app
+from reports.bound import noise_of
 from sim.cautions import RULES, Navigated, clock_error_s, echo_excess_m, max_range_rate
 from sim.feasibility import cautions, effect_cautions
 from sim.flight import FlightRecord, position_and_bearing_errors
@@ -504,6 +505,8 @@ def test_keys_that_another_key_turns_off_change_nothing_and_are_named(reason: st
             "navigation.sigma_speed_m_s, as navigation.variant = 'tight'",
         ),
         ({"navigation.variant": "tight", "navigation.assume.clock": True}, ""),
+        # the bound takes what is known of biases
+        ({"navigation.variant": "laisn-2", "navigation.assume.speed_bias_sigma_m_s": 0.1}, ""),
         ({"navigation.variant": "laisn-2", "navigation.sigma_speed_m_s": 0.3}, ""),
         (
             {"followers.0.navigation.variant": "tight", "followers.0.navigation.gate": "off"},
@@ -542,3 +545,32 @@ def test_no_built_in_scenario_has_keys_without_effect() -> None:
     for name in scenario_names():
         lines = cautions(as_scenario(name))
         assert not [line for line in lines if line.startswith("without effect")], name
+
+
+def test_settings_by_which_the_bound_changes_count_as_read() -> None:
+    """Of LAISN, which reads none of the table: every key is changed, in a mission with a current
+    and an error of the leader's compass.
+    """
+    scenario = as_scenario(
+        "T7",
+        {
+            "navigation.variant": "laisn-2",
+            "ocean.current_speed_m_s": 0.2,
+            "sensors.leader_heading_bias_deg": 2.0,
+        },
+    )
+    navigation = scenario.navigation
+    sensing = SensingSettings.of(scenario)
+    plain = noise_of(sensing, navigation)
+    changing = set()
+    for key in type(navigation.assume).model_fields:
+        value = getattr(navigation.assume, key)
+        other = not value if isinstance(value, bool) else 2.0 * (value or 1.0)
+        assume = navigation.assume.model_copy(update={key: other})
+        if noise_of(sensing, navigation.model_copy(update={"assume": assume})) != plain:
+            changing.add(key)
+    read = {
+        key for key in type(navigation.assume).model_fields if navigation.reads(f"assume.{key}")
+    }
+    assert changing == read
+    assert "speed_bias_sigma_m_s" in read
