@@ -5,11 +5,13 @@ are in, or later. A range is the distance of the places at these times.
 """
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
 
-from laisn.arrays import Floats
+from laisn.arrays import Floats, Ints
+from laisn.compiled import compiled
 from laisn.messages import LeaderMessage, Ranges
 from laisn.settings import Settings
 
@@ -19,8 +21,8 @@ LONGEST_DELAY = 20.0
 A message of 10 s with pings 2 s apart takes 14 s beside the way of its sound."""
 NEGLIGIBLE_DELAY = 1e-3
 """An arrival within this time is now [s]."""
-SMOOTHING_TIME = 1.5
-"""The speed over the pings is the log's exponential mean over this time [s]."""
+MEAN_SPEED_TIME = 1.5
+"""The speed from ping to ping is the log's mean over this time [s]."""
 MEAN_SPEED_SIGMA = 0.03
 """Random error of that speed, of what the vehicle accelerates [m/s]."""
 
@@ -60,25 +62,149 @@ def leader_way(message: LeaderMessage, settings: Settings) -> Floats:
     return np.asarray(message.speed * slots[:, None] * direction)
 
 
-class MeanSpeed:
-    """Exponential mean of a log's readings, and the time since the start."""
+def rotate(vectors: Floats, angle: float) -> Floats:
+    """East and north, shape (n, 2), turned anticlockwise by an angle [rad]."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return np.asarray(vectors @ np.array([[cosine, sine], [-sine, cosine]]))
 
-    def __init__(self) -> None:
-        self.clock = 0.0  # time since the start [s]
-        self.speed = 0.0  # the mean [m/s]
-        self.since_message = 0.0  # time since the last message, which the caller sets to 0 [s]
 
-    def advance(self, speed: float, dt: float) -> None:
-        """Take a reading at the end of a step that took a time [s]."""
-        self.clock += dt
-        self.since_message += dt
-        self.speed += dt * max(1.0 / SMOOTHING_TIME, 1.0 / self.clock) * (speed - self.speed)
+class Ways(NamedTuple):
+    """What a vehicle has gone since each of three pings arrived, by log and compass as they read.
 
-    def variance(self, dt: float, speed_sigma: float) -> float:
-        """Variance of the mean [m²/s²], by σ of a reading [m/s] and the filter step [s].
+    Less their biases b_v and b_θ it is Rot(b_θ) (A − b_v B), with Rot anticlockwise.
 
-        It is of readings since the last message alone, so that the errors of messages are
-        independent.
+    A range is of the place at the ping's arrival, and what dead reckoning errs from there on is
+    independent of it. Filters take ranges as if of the place now, by the way, and then add the
+    covariance of that error to that of the place; of pings that arrived before the last one the
+    further way is an error of the range. That the place before the update holds some of it, too,
+    is on the safe side.
+    """
+
+    logged: Floats  # A = Σ v u Δt, east and north, shape (3, 2), [m]
+    per_speed: Floats  # B = Σ u Δt, what that gains for 1 m/s more, shape (3, 2), [s]
+    # of errors that add up step by step, shape (3, 2, 2), [m²]
+    covariance: Floats
+    # of the way until the last ping arrived, at a mean speed: what it errs for one σ of that, shape
+    # (3, 2), [m]
+    by_mean_speed: Floats
+
+    def less_biases(self, log_bias: float, compass_bias: float) -> Floats:
+        """The ways through the water, shape (3, 2), [m], by biases [m/s], [rad]."""
+        return _rotated(self.logged - log_bias * self.per_speed, compass_bias)
+
+    def by_log(self, compass_bias: float) -> Floats:
+        """Their derivatives by the bias of the log, shape (3, 2), [s]."""
+        return -_rotated(self.per_speed, compass_bias)
+
+    def covariance_since_last(self, received: Ints) -> Floats:
+        """That of the errors since the last of the r received pings arrived, shape (2, 2), [m²]."""
+        size = np.trace(self.covariance[received], axis1=1, axis2=2)
+        return np.asarray(self.covariance[received[size.argmin()]])
+
+    def covariance_of_pairs(self, received: Ints) -> Floats:
+        """That of the errors since each two of the r received pings arrived, shape (r, r, 2, 2),
+        [m²]: those that add up are common from the later one on.
         """
-        share = dt / min(max(self.since_message, dt), SMOOTHING_TIME)
-        return speed_sigma**2 * share + MEAN_SPEED_SIGMA**2
+        covariance = self.covariance[received]
+        size = np.trace(covariance, axis1=1, axis2=2)
+        is_first_later = np.less.outer(size, size)[:, :, None, None]
+        later = np.where(is_first_later, covariance[:, None], covariance[None])
+        slope = self.by_mean_speed[received]
+        return np.asarray(later + slope[:, None, :, None] * slope[None, :, None, :])
+
+    def covariance_before_last(self, received: Ints) -> Floats:
+        """The same of the errors until the last of all pings arrived, shape (r, r, 2, 2), [m²]."""
+        return self.covariance_of_pairs(received) - self.covariance_since_last(received)
+
+
+@compiled
+def mean_window(
+    time: float, last_arrival: float, last_message: float, clock: float
+) -> tuple[float, float]:
+    """Begin and end of the readings of which the speed from one ping to the last, which arrived so
+    much later, is the mean: around that time, and of no message before, so that the errors of
+    messages are independent; all times [s]. Shorter than `time`: there is none.
+    """
+    end = min(clock, last_arrival + 0.5 * max(MEAN_SPEED_TIME - time, 0.0))
+    return max(end - MEAN_SPEED_TIME, last_message), end
+
+
+def _rotated(vectors: Floats, angle: float) -> Floats:
+    """East and north, shape (n, 2), turned anticlockwise by an angle [rad]."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return np.asarray(vectors @ np.array([[cosine, sine], [-sine, cosine]]))
+
+
+class RecentWay:
+    """Readings of log and compass, summed up over the last `LONGEST_DELAY`, and the time since the
+    start.
+    """
+
+    def __init__(self, speed_sigma: float = 0.0, heading_sigma: float = 0.0, slip: float = 0.0):
+        """Begin at rest; random errors of the readings [m/s], [rad], and the walk of the place that
+        they do not see [m/√s].
+        """
+        self.clock = 0.0  # time since the start [s]
+        self.last_message = 0.0  # time of the last message that was used, which the caller sets [s]
+        self._variances = speed_sigma**2, heading_sigma**2, slip**2
+        self._dt = 0.0
+        # after each step the time, A, B, Σ v Δt, and xx, xy, yy of the covariance since the start
+        self._sums = deque([np.zeros(9)])
+        self._velocity: Floats | None = None  # 1, v u, u and v of the last reading
+
+    def advance(self, speed: float, heading: float, dt: float) -> None:
+        """Take the readings [m/s], [rad] at the end of a step that took a time [s]."""
+        east, north = math.sin(heading), math.cos(heading)
+        velocity = np.array([1.0, speed * east, speed * north, east, north, speed])
+        last_velocity = velocity if self._velocity is None else self._velocity
+        self._velocity = velocity
+        self._dt = dt
+        self.clock += dt
+        speed_variance, heading_variance, slip_rate = self._variances
+        along = speed_variance * dt * dt
+        across = heading_variance * speed * speed * dt * dt
+        slip = slip_rate * dt
+        step = np.empty(9)
+        step[:6] = 0.5 * dt * (last_velocity + velocity)
+        step[6] = along * east * east + across * north * north + slip
+        step[7] = (along - across) * east * north
+        step[8] = along * north * north + across * east * east + slip
+        self._sums.append(self._sums[-1] + step)
+        while len(self._sums) > 2 and self._sums[1][0] < self.clock - LONGEST_DELAY:
+            self._sums.popleft()
+
+    def since(self, lag: Floats) -> Ways:
+        """The way since so long ago [s], shape (3,); NaN counts as now, what was before the start
+        as at rest.
+
+        From ping to ping, where a difference of ranges of centimetres is a direction, the speed is
+        a mean.
+        """
+        sums = np.array(self._sums)
+        arrival = sums[-1, 0] - np.nan_to_num(lag)
+        way = np.column_stack(
+            [column[-1] - np.interp(arrival, sums[:, 0], column) for column in sums.T[1:]]
+        )
+        logged, per_speed = way[:, :2], way[:, 2:4]
+        covariance = way[:, [5, 6, 6, 7]].reshape(3, 2, 2)
+        by_mean_speed = np.zeros((3, 2))
+        speed_variance, heading_variance, slip_rate = self._variances
+        received = np.flatnonzero(np.isfinite(lag))
+        for i in received:
+            last = received[lag[received].argmin()]
+            time = float(lag[i] - lag[last])
+            begin, end = mean_window(
+                time, self.clock - float(lag[last]), self.last_message, self.clock
+            )
+            if time <= 0.0 or end - begin < time:
+                continue
+            path = np.interp([begin, end], sums[:, 0], sums[:, 5])
+            speed = (path[1] - path[0]) / (end - begin)
+            between = per_speed[i] - per_speed[last]
+            logged[i] = logged[last] + speed * between
+            sigma = math.sqrt(speed_variance * self._dt / (end - begin) + MEAN_SPEED_SIGMA**2)
+            by_mean_speed[i] = sigma * between
+            aside = np.array([-between[1], between[0]]) / time
+            across = heading_variance * speed**2 * self._dt * np.outer(aside, aside)
+            covariance[i] = covariance[last] + time * (across + slip_rate * np.eye(2))
+        return Ways(logged, per_speed, covariance, by_mean_speed)

@@ -15,7 +15,7 @@ import numpy as np
 from laisn import POSITION
 from laisn.arrays import Floats, Two
 from laisn.compiled import formula
-from laisn.delays import delays_of
+from laisn.delays import RecentWay, delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.fix import (
     CHOOSE_PAIR,
@@ -238,10 +238,11 @@ class Navigator(OnlineNavigator[Estimates]):
         self._gate = Gate(self._tuning, Point(float(start[0]), float(start[1])))
         self._last_motion: OwnMotion | None = None
         self._message: LeaderMessage | None = None
-        self._clock = 0.0
+        self._recent = RecentWay()
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
-        self._clock += dt
+        if self.settings.compensate_motion:
+            self._recent.advance(own.speed, own.heading, dt)
         self._gate.lengthen(dt - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), dt)
         records = [] if reception is None else self._update_position(own, reception)
@@ -274,22 +275,22 @@ class Navigator(OnlineNavigator[Estimates]):
             self._message = message
         return expected_acceleration(speed_change, turn, t)
 
-    def _displacement_since_pings(self, own: OwnMotion, reception: Reception) -> Floats | None:
-        """What the follower has moved since each ping arrived, by its last readings, as of
+    def _displacement_since_pings(self, reception: Reception) -> Floats | None:
+        """What the follower has moved since each ping arrived, by its readings, as of
         `to_circles`.
         """
         if not self.settings.compensate_motion:
             return None
-        lag, _ = delays_of(reception.message, reception.ranges, self._clock, self.settings)
-        direction = np.array([math.sin(own.heading), math.cos(own.heading)])
-        return np.asarray(np.nan_to_num(lag)[:, None] * own.speed * direction)
+        message, ranges = reception.message, reception.ranges
+        delays = delays_of(message, ranges, self._recent.clock, self.settings)
+        return self._recent.since(delays.lag).logged
 
     def _position(self) -> Point:
         return Point(*self._filter.state[POSITION].tolist())
 
     def _update_position(self, own: OwnMotion, reception: Reception) -> list[FixRecord]:
         circles = to_circles(
-            reception, own.depth, self.settings, self._displacement_since_pings(own, reception)
+            reception, own.depth, self.settings, self._displacement_since_pings(reception)
         )
         if self.settings.variant != SEQUENTIAL:
             predicted = self._position()

@@ -27,7 +27,6 @@ from sim.water.assembly import floor_of, planned_places, sound_points
 from sim.water.rays import SoundProfile, mean_slowness
 
 _NOTICEABLE_M = 0.1  # errors of positions and ranges below this need no caution
-_NOTICEABLE_TURN_M = 1.0  # of a few messages in a turn
 # smaller changes of a range between the pings of a message need no caution: they are below the
 # random error of a good range
 _NOTICEABLE_SLOT_M = 0.003
@@ -274,23 +273,16 @@ def max_range_rate(navigated: Navigated) -> float:
     return max(speeds)
 
 
-def _ways_of_receivers(navigated: Navigated, duration: float) -> tuple[float, float]:
-    """Largest planned horizontal way over ground of those who navigate in a time [s], and largest
-    distance from where they would be had they gone straight on as at its end [m].
-    """
+def _way_of_receivers(navigated: Navigated, duration: float) -> float:
+    """Largest planned horizontal way over ground of those who navigate in a time [s], [m]."""
     places = planned_places(navigated.plan)
     time = np.linspace(0.0, navigated.plan.duration_s, len(places[0]))
-    longest = farthest = 0.0
+    longest = 0.0
     for i in navigated.receivers:
         path = places[i + 1][:, :2]
         before = np.column_stack([np.interp(time - duration, time, axis) for axis in path.T])
-        way = path - before
-        velocity = np.gradient(path, time, axis=0)
-        # a way that begins before the mission is shorter
-        aside = way - np.minimum(time, duration)[:, None] * velocity
-        longest = max(longest, float(np.hypot(*way.T).max()))
-        farthest = max(farthest, float(np.hypot(*aside.T).max()))
-    return longest, farthest
+        longest = max(longest, float(np.hypot(*(path - before).T).max()))
+    return longest
 
 
 def _slots(navigated: Navigated) -> str:
@@ -316,31 +308,15 @@ def _late_pings(navigated: Navigated) -> str:
     )
 
 
-def _early_s(navigated: Navigated) -> float:
-    """How long before a message is in its pings arrive [s]."""
-    sound = navigated.sensing.acoustics
-    return sound.message_length_s if sound.ranging_pulse == "start" else 0.0
-
-
 def _early_pings(navigated: Navigated) -> str:
-    early_s = _early_s(navigated)
-    way, _ = _ways_of_receivers(navigated, early_s)
+    sound = navigated.sensing.acoustics
+    early_s = sound.message_length_s if sound.ranging_pulse == "start" else 0.0
+    way = _way_of_receivers(navigated, early_s)
     if way < _NOTICEABLE_M:
         return ""
     return (
         f"pings arrive {early_s:g} s before their message is in, and followers move on by up to "
         f"{way:.2g} m meanwhile"
-    )
-
-
-def _turns_since_pings(navigated: Navigated) -> str:
-    early_s = _early_s(navigated)
-    _, aside = _ways_of_receivers(navigated, early_s)
-    if aside < _NOTICEABLE_TURN_M:
-        return ""
-    return (
-        f"pings arrive {early_s:g} s before their message is in, and followers that turn meanwhile "
-        f"are up to {aside:.2g} m from where they would be straight on"
     )
 
 
@@ -528,13 +504,6 @@ RULES = (
         is_assumed=has("compensate_motion"),
         effect=_early_pings,
         needs="ranges of where they are",
-    ),
-    Rule(
-        keys=("acoustics.message_length_s",),
-        assumption="",
-        is_assumed=lambda settings, variant: not has("compensate_motion")(settings, variant),
-        effect=_turns_since_pings,
-        needs="that they go straight on",
     ),
     Rule(
         keys=("sensors.leader_heading_bias_deg",),

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from laisn.arrays import Floats
-from laisn.delays import NEGLIGIBLE_DELAY
 from laisn.errors import LaisnError
 from laisn.messages import OwnMotion, Reception
 from laisn.navigators import GTSAM
@@ -26,6 +25,8 @@ from laisn.settings import COMPASS_WALK, RivalSettings
 
 RELINEARISE = 1e-3
 """A variable that moved further since its linearisation is linearised again [m], [rad], [m/s]."""
+# of a way [m²]; smaller ones are too near to a constraint for the solver
+_NEGLIGIBLE_VARIANCE = 1e-8
 _QUARTER_TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 
 
@@ -73,46 +74,48 @@ class _Ping(NamedTuple):
     transmitter: Floats  # as of `DeadReckoning._update`, shape (3,), [m]
     range: float  # slant range [m]
     longest: float  # longest range of the message [m]
-    lag: float  # as of `Delays` [s]
+    # way through the water since then by log and compass, and what it gains for 1 m/s more, shape
+    # (2,), [m], [s]
+    logged: Floats
+    per_speed: Floats
+    # indices of the error of this way, east and north, in those of the message; none: it has none
+    error: slice
     drift_time: float  # as of `Delays` [s]
-    water_velocity: Floats  # velocity through the water by log and compass, shape (2,), [m/s]
-    ahead: Floats  # unit vector of the heading by the compass, shape (2,)
-    # whether that velocity has a random error, a variable of the message
-    has_velocity_error: bool
 
 
 def _range_error(ping: _Ping, factor: Any, values: Any, jacobians: list[Floats] | None) -> Floats:
     """ρ (1 + c / max z) − z of a pose (p, b_θ), the error c of its message, the log's bias, the
-    current, perhaps the random error of the velocity over the pings, along the course and to
-    starboard, and perhaps the error of the leader's position, true less broadcast.
+    current, perhaps the error of the leader's position, true less broadcast, and perhaps errors of
+    the ways until the last ping.
     """
     key, common, log_bias, current, *further = factor.keys()
-    velocity_error = further[:1] if ping.has_velocity_error else []
-    origin = further[len(velocity_error) :]
+    # the last of all, if there is one
+    ways = further[-1:] if ping.error.stop else []
+    origin = further[: len(further) - len(ways)]
     pose = values.atPose2(key)
     rotation = pose.rotation().matrix()
     scale = 1.0 + values.atDouble(common) / ping.longest
-    ahead = rotation @ ping.ahead
-    # columns: unit vectors along the course and to starboard
-    course = np.column_stack([ahead, -_QUARTER_TURN @ ahead])
-    water_velocity = rotation @ ping.water_velocity - values.atDouble(log_bias) * ahead
-    for error_key in velocity_error:
-        water_velocity = water_velocity + course @ values.atPoint2(error_key)
-    displacement = ping.lag * water_velocity + ping.drift_time * values.atPoint2(current)
+    per_speed = rotation @ ping.per_speed
+    way = rotation @ ping.logged - values.atDouble(log_bias) * per_speed
+    displacement = way + ping.drift_time * values.atPoint2(current)
     for error_key in origin:
         displacement = displacement + values.atPoint2(error_key)
+    for error_key in ways:
+        displacement = displacement + values.atVector(error_key)[ping.error]
     rho, direction = slant(pose.translation(), ping.transmitter + np.append(displacement, 0.0))
     if jacobians is not None:
         by_position = scale * direction @ rotation
-        heading_derivative = -scale * ping.lag * direction @ (_QUARTER_TURN @ water_velocity)
+        heading_derivative = -scale * direction @ (_QUARTER_TURN @ way)
         jacobians[0] = np.array([[*by_position, heading_derivative]])
         jacobians[1] = np.array([[rho / ping.longest]])
-        jacobians[2] = np.array([[scale * ping.lag * direction @ ahead]])
+        jacobians[2] = np.array([[scale * direction @ per_speed]])
         jacobians[3] = -scale * ping.drift_time * direction[None]
-        for i in range(len(velocity_error)):
-            jacobians[4 + i] = -scale * ping.lag * direction[None] @ course
-        for i in range(len(velocity_error), len(further)):
+        for i in range(len(origin)):
             jacobians[4 + i] = -scale * direction[None]
+        for error_key in ways:
+            by_error = np.zeros((1, values.atVector(error_key).size))
+            by_error[0, ping.error] = -scale * direction
+            jacobians[4 + len(origin)] = by_error
     return np.array([scale * rho - ping.range])
 
 
@@ -136,6 +139,9 @@ class FactorGraph(DeadReckoning):
         self._smoother = gtsam.IncrementalFixedLagSmoother(settings.lag, parameters)
         self._time = 0.0
         self._n_messages = 0
+        # covariance of what dead reckoning erred from the last ping to its message, which the
+        # next odometry holds: poses have the errors of pings [m²]
+        self._since_ping = np.zeros((2, 2))
         self._pose = gtsam.symbol("x", 0)
         self._log_bias, self._range_bias, self._current = (gtsam.symbol(name, 0) for name in "vbw")
         graph = gtsam.NonlinearFactorGraph()
@@ -171,7 +177,7 @@ class FactorGraph(DeadReckoning):
         values = gtsam.Values()
         common = gtsam.symbol("c", self._n_messages)
         covariance = np.diag([0.0, 0.0, COMPASS_WALK**2 * elapsed])
-        covariance[:2, :2] = noise
+        covariance[:2, :2] = noise + self._since_ping
         model = gtsam.noiseModel.Gaussian.Covariance(covariance)
         odometry_error = partial(_odometry_error, displacement, path, elapsed)
         graph.add(
@@ -189,39 +195,43 @@ class FactorGraph(DeadReckoning):
         received = np.flatnonzero(np.isfinite(ranges))
         range_noise = self._sigma(settings.range_sigma)
         longest = float(ranges[received].max())
-        keys = [self._pose, common, self._log_bias, self._current]
-        has_velocity_error = bool(np.any(self._delays.lag[received] > NEGLIGIBLE_DELAY))
-        if has_velocity_error:
-            velocity_error = gtsam.symbol("e", self._n_messages)
-            sigmas = np.sqrt(self._variances_over_pings(own))
-            noise_of_velocity = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, 1e-6))
-            graph.add(gtsam.PriorFactorPoint2(velocity_error, np.zeros(2), noise_of_velocity))
-            values.insert(velocity_error, np.zeros(2))
-            keys.append(velocity_error)
+        keys_of_all = [self._pose, common, self._log_bias, self._current]
         place_sigma = self._leader_position_variance(reception) ** 0.5
         if place_sigma > 0.0:
             origin = gtsam.symbol("o", self._n_messages)
             noise_of_place = gtsam.noiseModel.Isotropic.Sigma(2, place_sigma)
             graph.add(gtsam.PriorFactorPoint2(origin, np.zeros(2), noise_of_place))
             values.insert(origin, np.zeros(2))
-            keys.append(origin)
-        ahead = np.array([np.sin(own.heading), np.cos(own.heading)])
-        for i in received.tolist():
-            delays = float(self._delays.lag[i]), float(self._delays.drift_time[i])
-            water_velocity = self._mean_speed.speed * ahead
+            keys_of_all.append(origin)
+        self._since_ping = self._ways.covariance_since_last(received)
+        before_last = self._ways.covariance_before_last(received)
+        # places of pings in `received` whose ways err
+        erring = np.flatnonzero(np.einsum("iikk->i", before_last) > _NEGLIGIBLE_VARIANCE).tolist()
+        if erring:
+            way_errors = gtsam.symbol("e", self._n_messages)
+            size = 2 * len(erring)
+            stacked = before_last[np.ix_(erring, erring)].transpose(0, 2, 1, 3).reshape(size, size)
+            noise_of_ways = gtsam.noiseModel.Gaussian.Covariance(
+                stacked + _NEGLIGIBLE_VARIANCE * np.eye(size)
+            )
+            graph.add(gtsam.PriorFactorVector(way_errors, np.zeros(size), noise_of_ways))
+            values.insert(way_errors, np.zeros(size))
+        for place, i in enumerate(received.tolist()):
+            errs = place in erring
             ping = _Ping(
                 transmitters[i],
                 float(ranges[i]),
                 longest,
-                *delays,
-                water_velocity,
-                ahead,
-                has_velocity_error,
+                self._ways.logged[i],
+                self._ways.per_speed[i],
+                slice(2 * erring.index(place), 2 * erring.index(place) + 2) if errs else slice(0),
+                float(self._delays.drift_time[i]),
             )
+            keys = [*keys_of_all, way_errors] if errs else keys_of_all
             graph.add(gtsam.CustomFactor(range_noise, keys, partial(_range_error, ping)))
         try:
             self._smoother.update(
-                graph, values, dict.fromkeys((*keys, *self._constants), self._time)
+                graph, values, dict.fromkeys((*values.keys(), *self._constants), self._time)
             )
         except RuntimeError as failure:
             raise ArithmeticError(f"step {self._step}: {failure}") from None

@@ -15,7 +15,7 @@ import numpy as np
 
 from laisn.arrays import Floats, Four, Ints
 from laisn.compiled import compiled
-from laisn.delays import Delays, MeanSpeed, delays_of
+from laisn.delays import Delays, RecentWay, delays_of
 from laisn.errors import LaisnError
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.geometry import place_transmitters, signed_angle
@@ -137,8 +137,10 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         # leader's error too
         slip = math.hypot(settings.slip, settings.leader_position_walk)
         self._noise = settings.speed_sigma, settings.heading_sigma, slip, walk
-        self._mean_speed = MeanSpeed()
+        self._recent = RecentWay(*self._noise[:3])
         self._delays = Delays(np.zeros(3), np.zeros(3))
+        # of the same pings
+        self._ways = self._recent.since(self._delays.lag)
 
     @property
     def biases(self) -> tuple[float, float]:
@@ -195,9 +197,9 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         n = durations.size
         states = np.empty((n, 4))
         covariances = np.empty((n, 4, 4))
-        for speed, dt in zip(readings[:, 0].tolist(), durations.tolist(), strict=True):
+        for (speed, heading), dt in zip(readings.tolist(), durations.tolist(), strict=True):
             if dt > 0.0:
-                self._mean_speed.advance(speed, dt)
+                self._recent.advance(speed, heading, dt)
         if n:
             last_reading = self._reading if self._reading.size else readings[:1]
             steps = np.vstack([last_reading, readings])
@@ -219,14 +221,13 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         transmitters = places - (0.0, 0.0, own.depth - self.settings.hydrophone_height)
         if self.settings.compensate_motion:
             self._delays = delays_of(
-                reception.message, reception.ranges, self._mean_speed.clock, self.settings
+                reception.message, reception.ranges, self._recent.clock, self.settings
             )
+            self._ways = self._recent.since(self._delays.lag)
             if self.MOVES_TRANSMITTERS:
                 # as if each ping had left so much farther on, and had been received here and now
-                lag, drift_time = self._delays
-                transmitters[:, :2] += np.outer(lag, self._velocity_over_pings(own)) + np.outer(
-                    drift_time, self.x[5:7]
-                )
+                drift = np.outer(self._delays.drift_time, self.x[5:7])
+                transmitters[:, :2] += self._ways.less_biases(*self.biases) + drift
         ranges = np.where(np.isfinite(transmitters).all(axis=1), reception.ranges, np.nan)
         ranges[self.settings.transmitters :] = np.nan
         used = bool(np.isfinite(ranges).any()) and self._update(
@@ -236,50 +237,28 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         if current is not None and self.settings.assume.current:
             self._update_current(current)
         if used:
+            received = np.flatnonzero(np.isfinite(ranges))
+            self.P[:2, :2] += self._ways.covariance_since_last(received)
+            self._recent.last_message = self._recent.clock
             # velocity by the new biases; no time passes
             self._advance(self._reading, np.zeros(1))
-            self._mean_speed.since_message = 0.0
         return self._fix_at_estimate(FixKind.RANGES if used else FixKind.LOST)
 
-    def _velocity_over_pings(self, own: OwnMotion) -> Floats:
-        """Velocity through the water over the pings of a message, shape (2,), [m/s]."""
-        heading = own.heading - self.x[3]
-        speed = self._mean_speed.speed - self.x[2]
-        return np.asarray(speed * np.array([math.sin(heading), math.cos(heading)]))
-
-    def _variances_over_pings(self, own: OwnMotion) -> tuple[float, float]:
-        """Variances of what `_velocity_over_pings` errs at random, along the course and across it
-        [m²/s²].
-        """
-        settings = self.settings
-        east, north = self._velocity_over_pings(own)
-        along = self._mean_speed.variance(settings.dt, settings.speed_sigma)
-        return along, settings.heading_sigma**2 * (east**2 + north**2)
-
-    def _fill_delay_terms(
-        self, H: Floats, directions: Floats, received: Ints, own: OwnMotion
-    ) -> Floats:
+    def _fill_delay_terms(self, H: Floats, directions: Floats, received: Ints) -> Floats:
         """Fill in the derivatives of r ranges by biases and current over the delays; returns the
-        covariance of what else errs over them, shape (r, r), [m²].
+        covariance of what errs until the last ping arrived, shape (r, r), [m²].
 
         `H` are the rows of these ranges, shape (r, 7), `directions` their derivatives by the place,
         shape (r, 2), `received` the indices of their transmitters, shape (r,).
         """
-        lag = self._delays.lag[received]
-        east, north = self._velocity_over_pings(own)
-        heading = own.heading - self.x[3]
-        ahead = np.array([math.sin(heading), math.cos(heading)])
-        starboard = np.array([ahead[1], -ahead[0]])
-        H[:, 2] = lag * (directions @ ahead)
-        H[:, 3] = lag * (directions[:, 0] * north - directions[:, 1] * east)
+        ways = self._ways.less_biases(*self.biases)[received]
+        by_log = self._ways.by_log(self.biases[1])[received]
+        H[:, 2] = -(directions * by_log).sum(axis=1)
+        H[:, 3] = directions[:, 0] * ways[:, 1] - directions[:, 1] * ways[:, 0]
         if self.settings.assume.current:
             H[:, 5:7] = -self._delays.drift_time[received, None] * directions
-        axial = lag * (directions @ ahead)
-        across = lag * (directions @ starboard)
-        variance, lateral_variance = self._variances_over_pings(own)
-        return np.asarray(
-            variance * np.outer(axial, axial) + lateral_variance * np.outer(across, across)
-        )
+        between = self._ways.covariance_before_last(received)
+        return np.asarray(np.einsum("ik,ijkl,jl->ij", directions, between, directions))
 
     def _leader_position_variance(self, reception: Reception) -> float:
         """As the function of this name, by the navigator's settings."""
@@ -391,7 +370,7 @@ class RangeFilter(DeadReckoning):
     h_i = ρ_i (1 + b_r / max z); R = σ² I + σ_s² s sᵀ + σ_L² u uᵀ with s_i = ρ_i / max z and rows
     u_i of the directions from the transmitters (Y. Bar-Shalom, X. R. Li, T. Kirubarajan, Estimation
     with Applications to Tracking and Navigation, 2001, section 10.3). Where pings arrived at other
-    times, R includes the errors of speed and course over the delays.
+    times, errors of the way since then are as of `laisn.delays.Ways`.
     """
 
     def _receive_further(self, own: OwnMotion, reception: Reception) -> None:
@@ -405,7 +384,7 @@ class RangeFilter(DeadReckoning):
         R += self._leader_position_variance(reception) * directions @ directions.T
         if self.settings.compensate_motion:
             received = np.flatnonzero(np.isfinite(ranges))
-            R += self._fill_delay_terms(H, directions, received, own)
+            R += self._fill_delay_terms(H, directions, received)
         self.x, self.P = kalman_update(self.x, self.P, H, innovation, R)
         return True
 
@@ -487,7 +466,7 @@ class InvertedUsbl(DeadReckoning):
     error of the compass beside its own (M. Morgado, P. Oliveira, C. Silvestre, J. F. Vasconcelos,
     Embedded vehicle dynamics aiding for USBL/INS underwater navigation, IEEE Trans. Control Syst.
     Technol. 22(1), 2014). The sensor reads at the step of the message: where the ping arrived
-    before, the range alone is of that time, and has the errors of speed and course since then.
+    before, the range alone is of that time.
     """
 
     def _update(
@@ -509,7 +488,7 @@ class InvertedUsbl(DeadReckoning):
         # `transmitter` has moved with the follower since the ping arrived: its source has not
         lag = float(self._delays.lag[1])
         source = transmitter.copy()
-        source[:2] -= lag * (self._velocity_over_pings(own) + self.x[5:7])
+        source[:2] -= self._ways.less_biases(*self.biases)[1] + lag * self.x[5:7]
         source_distance, _ = slant(self.x, source)
         east, north = source[:2] - self.x[:2]
         horizontal_distance = math.hypot(east, north)
@@ -517,7 +496,7 @@ class InvertedUsbl(DeadReckoning):
         H = np.zeros((3, STATES))
         H[0, :2] = direction
         H[0, 4] = 1.0
-        delay_variance = self._fill_delay_terms(H[:1], H[:1, :2], np.array([1]), own)
+        self._fill_delay_terms(H[:1], H[:1, :2], np.array([1]))
         H[1, :2] = (-north / horizontal_distance**2, east / horizontal_distance**2)
         H[1, 3] = 1.0
         H[2, :2] = up / source_distance**2 * np.array([east, north]) / horizontal_distance
@@ -535,6 +514,5 @@ class InvertedUsbl(DeadReckoning):
             ]
         )
         R += self._leader_position_variance(reception) * H[:, :2] @ H[:, :2].T
-        R[:1, :1] += delay_variance
         self.x, self.P = kalman_update(self.x, self.P, H, np.array(innovation), R)
         return True

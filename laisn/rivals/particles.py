@@ -40,12 +40,13 @@ RESAMPLED_SHARE = 0.5
 class SinceArrival(NamedTuple):
     """What happened since r pings left and arrived, for each particle by its own biases."""
 
-    lag: Floats  # how long ago each arrived, shape (r,), [s]
+    # ways of the follower through the water as log and compass read, east and north, shape (r, 2),
+    # [m], and what they gain for 1 m/s more, likewise, [s]
+    logged: Floats
+    per_speed: Floats
     drift_time: Floats  # for how long the current has carried both vehicles, shape (r,), [s]
-    speed: float  # of the follower through the water, as the log reads [m/s]
-    ahead: Floats  # unit vector of its heading as the compass reads, shape (2,)
-    # of the random error of that velocity, along the course and across it [m²/s²]
-    variances: tuple[float, float]
+    # of the errors of these ways until the last ping arrived, shape (r, r, 2, 2), [m²]
+    covariance: Floats
 
 
 @compiled
@@ -87,36 +88,31 @@ def log_likelihood(
     since: SinceArrival,
 ) -> Floats:
     """log N(z; h, S) of all ranges, but for a constant, shape (N,), with
-    S = σ² I + σ_s² s sᵀ + σ_L² u uᵀ + σ_a² a aᵀ + σ_c² k kᵀ.
+    S = σ² I + σ_s² s sᵀ + σ_L² u uᵀ + [u_jᵀ N_jk u_k].
 
-    h_j = |p − t_j − l_j v − m_j c| + s_j b_r, with s_j the range by the longest measured one, u_j
-    the horizontal direction from transmitter j, v the particle's velocity through the water, and
-    l_j and m_j the lag and drift time of `since`; a_j and k_j are l_j times the parts of u_j along
-    and across v, σ_a² and σ_c² the variances of `since`. `transmitters` are east, north, depth
-    below the hydrophone, shape (m, 3), of the m received `ranges`, shape (m,), [m]; `sigma` are σ,
-    σ_s and σ_L [m].
+    h_j = |p − t_j − r_j − m_j c| + s_j b_r, with s_j the range by the longest measured one, u_j the
+    horizontal direction from transmitter j, r_j = Rot(b_θ) (A_j − b_v B_j) the particle's way
+    through the water since ping j, and A, B, m and N those of `since`. `transmitters` are east,
+    north, depth below the hydrophone, shape (r, 3), of the r received `ranges`, shape (r,), [m];
+    `sigma` are σ, σ_s and σ_L [m].
     """
     n_ranges = ranges.size
     longest = ranges.max()
     residual = np.empty(n_ranges)
     share = np.empty(n_ranges)
     direction = np.empty((n_ranges, 2))
-    along = np.empty(n_ranges)
-    across = np.empty(n_ranges)
     lower = np.empty((n_ranges, n_ranges))
     out = np.empty(particles.shape[0])
     for i in range(particles.shape[0]):
         p = particles[i]
         sine = np.sin(p[3])
         cosine = np.cos(p[3])
-        ahead_east = since.ahead[0] * cosine - since.ahead[1] * sine
-        ahead_north = since.ahead[0] * sine + since.ahead[1] * cosine
-        speed = since.speed - p[2]
         for j in range(n_ranges):
             # as if the ping had left so much farther on, and had been received here and now
-            way = since.lag[j] * speed
-            moved_east = way * ahead_east + since.drift_time[j] * p[5]
-            moved_north = way * ahead_north + since.drift_time[j] * p[6]
+            way_east = since.logged[j, 0] - p[2] * since.per_speed[j, 0]
+            way_north = since.logged[j, 1] - p[2] * since.per_speed[j, 1]
+            moved_east = way_east * cosine - way_north * sine + since.drift_time[j] * p[5]
+            moved_north = way_east * sine + way_north * cosine + since.drift_time[j] * p[6]
             east = p[0] - (transmitters[j, 0] + moved_east)
             north = p[1] - (transmitters[j, 1] + moved_north)
             rho = np.sqrt(east * east + north * north + transmitters[j, 2] * transmitters[j, 2])
@@ -126,10 +122,6 @@ def log_likelihood(
             inverse = 1.0 / rho if rho > 0.0 else 0.0
             direction[j, 0] = inverse * east
             direction[j, 1] = inverse * north
-            along[j] = since.lag[j] * (direction[j, 0] * ahead_east + direction[j, 1] * ahead_north)
-            across[j] = since.lag[j] * (
-                direction[j, 0] * ahead_north - direction[j, 1] * ahead_east
-            )
         # S = L Lᵀ, L y = z − h: the exponent is −yᵀ y / 2, the determinant that of L squared
         nis = 0.0
         log_determinant = 0.0
@@ -138,8 +130,11 @@ def log_likelihood(
             for k in range(j + 1):
                 between = direction[j, 0] * direction[k, 0] + direction[j, 1] * direction[k, 1]
                 covariance = sigma[1] ** 2 * share[j] * share[k] + sigma[2] ** 2 * between
-                covariance += since.variances[0] * along[j] * along[k]
-                covariance += since.variances[1] * across[j] * across[k]
+                for m in range(2):
+                    for n in range(2):
+                        covariance += (
+                            direction[j, m] * since.covariance[j, k, m, n] * direction[k, n]
+                        )
                 if j == k:
                     covariance += sigma[0] ** 2
                 for m in range(k):
@@ -300,11 +295,10 @@ class ParticleFilter(DeadReckoning):
             math.sqrt(self._leader_position_variance(reception)),
         )
         since = SinceArrival(
-            self._delays.lag[received],
+            self._ways.logged[received],
+            self._ways.per_speed[received],
             self._delays.drift_time[received],
-            self._mean_speed.speed,
-            np.array([math.sin(own.heading), math.cos(own.heading)]),
-            self._variances_over_pings(own),
+            self._ways.covariance_before_last(received),
         )
         self._move(random)
         remaining_power = 1.0
@@ -325,4 +319,9 @@ class ParticleFilter(DeadReckoning):
         self._take_moments()
         if effective_number(self.weights) < RESAMPLED_SHARE * n:
             self._resample(random, first=2)
+        # as of `laisn.delays.Ways`
+        since_last = self._ways.covariance_since_last(received)
+        if since_last.any():
+            root = np.linalg.cholesky(since_last + 1e-12 * np.eye(2))
+            self.particles[:, :2] += random.standard_normal((n, 2)) @ root.T
         return True

@@ -7,13 +7,11 @@ A. P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33(8), 1988) mixes them
 of the other filters, is a measurement here, v + b_v: slow changes of speed average its errors.
 """
 
-import math
-
 import numpy as np
 
 from laisn.arrays import Floats
 from laisn.compiled import compiled
-from laisn.delays import Delays, delays_of
+from laisn.delays import Delays, RecentWay, Ways, delays_of
 from laisn.estimates import Estimates, FixKind, FixRecord
 from laisn.geometry import place_transmitters, signed_angle
 from laisn.messages import OwnMotion, Reception
@@ -191,12 +189,12 @@ class SpeedModes(OnlineNavigator[Estimates]):
         current_walk = CURRENT_WALK if settings.assume.current else 0.0
         self._noise = settings.heading_sigma, settings.slip, current_walk
         self._track = LeaderTrack()
-        self._clock = 0.0
+        self._recent = RecentWay(settings.speed_sigma, settings.heading_sigma, settings.slip)
         self._heading: float | None = None
         self._since_mixing = 0.0
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
-        self._clock += dt
+        self._recent.advance(own.speed, own.heading, dt)
         last_heading = own.heading if self._heading is None else self._heading
         middle = last_heading + 0.5 * signed_angle(own.heading - last_heading)
         self._heading = own.heading
@@ -228,13 +226,15 @@ class SpeedModes(OnlineNavigator[Estimates]):
             variance = leader_position_variance(settings, reception.message)
             delays = Delays(np.zeros(3), np.zeros(3))
             if settings.compensate_motion:
-                delays = delays_of(reception.message, reception.ranges, self._clock, settings)
+                clock = self._recent.clock
+                delays = delays_of(reception.message, reception.ranges, clock, settings)
+            ways = self._recent.since(delays.lag)
             measured = transmitters, ranges, variance
             log_likelihoods = [
-                self._update_ranges(mode, own.heading, delays, measured)
-                for mode in range(len(WALKS))
+                self._update_ranges(mode, delays, ways, measured) for mode in range(len(WALKS))
             ]
             update_weights(self.weights, np.array(log_likelihoods))
+            self._recent.last_message = self._recent.clock
         current = self._track.receive(reception.message)
         if current is not None and settings.assume.current:
             H = np.zeros((2, STATES))
@@ -249,30 +249,34 @@ class SpeedModes(OnlineNavigator[Estimates]):
         self.x[mode], self.P[mode] = kalman_update(self.x[mode], self.P[mode], H, innovation, R)
 
     def _update_ranges(
-        self, mode: int, heading: float, delays: Delays, measured: tuple[Floats, Floats, float]
+        self, mode: int, delays: Delays, ways: Ways, measured: tuple[Floats, Floats, float]
     ) -> float:
         """Update the filter of a mode with ranges; their log likelihood but for a constant.
+
+        The ways since the pings are by the log's readings.
 
         `measured` are the transmitters as of `DeadReckoning._update`, the ranges to them, NaN where
         none came, shape (3,), [m], and the variance of the leader's broadcast position [m²].
         """
         transmitters, ranges, variance = measured
         x = self.x[mode]
-        course = heading - x[COMPASS_BIAS]
-        ahead = np.array([math.sin(course), math.cos(course)])
-        # as if each ping had arrived here and now: over the lag, since it arrived, the vehicle has
-        # gone on; over the drift time the current has carried both vehicles
+        biases = float(x[LOG_BIAS]), float(x[COMPASS_BIAS])
+        way = ways.less_biases(*biases)
+        # as if each ping had arrived here and now: since it arrived the vehicle has gone on; over
+        # the drift time the current has carried both vehicles
         moved_transmitters = transmitters.copy()
-        moved_transmitters[:, :2] += np.outer(delays.lag, x[SPEED] * ahead)
-        moved_transmitters[:, :2] += np.outer(delays.drift_time, x[CURRENT_EAST:])
+        moved_transmitters[:, :2] += way + np.outer(delays.drift_time, x[CURRENT_EAST:])
         H, innovation, R = range_measurement(self.settings, x, moved_transmitters, ranges)
         directions = H[:, :2].copy()
         R = R + variance * directions @ directions.T
         received = np.isfinite(ranges)
-        lag = delays.lag[received]
-        H[:, SPEED] = -lag * (directions @ ahead)
-        across = directions[:, 0] * ahead[1] - directions[:, 1] * ahead[0]
-        H[:, COMPASS_BIAS] = lag * x[SPEED] * across
+        H[:, LOG_BIAS] = -(directions * ways.by_log(biases[1])[received]).sum(axis=1)
+        H[:, COMPASS_BIAS] = (
+            directions[:, 0] * way[received, 1] - directions[:, 1] * way[received, 0]
+        )
+        # the state has a speed that errs less than the way by the log's readings
+        errors = ways.covariance_of_pairs(np.flatnonzero(received))
+        R += np.einsum("ik,ijkl,jl->ij", directions, errors, directions)
         if self.settings.assume.current:
             H[:, CURRENT_EAST:] = -delays.drift_time[received, None] * directions
         S = H @ self.P[mode] @ H.T + R

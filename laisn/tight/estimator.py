@@ -19,7 +19,7 @@ from laisn.estimates import HYPOTHESES
 from laisn.geometry import SinCos, sin_cos_of, tilted_arms
 from laisn.tight import motion
 from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y, refresh_output
-from laisn.tight.ranging import relative_covariance, relative_position, update, velocity_over_pings
+from laisn.tight.ranging import relative_covariance, relative_position, update, way_since_ping
 from laisn.tight.records import (
     ABSENT,
     CAPACITY,
@@ -65,13 +65,14 @@ def _lateral_offset(
     ex, ey = arms[1, 0] - arms[0, 0], arms[1, 1] - arms[0, 1]
     qx, qy = relative_position(b, m, k, message)
     if message.late:
-        _, _, vx, vy = velocity_over_pings(b, k)
+        way_x, way_y, _, _ = way_since_ping(b, k, message, 0)
+        front_way_x, front_way_y, _, _ = way_since_ping(b, k, message, 1)
         # the axis of the places from which the pings seem to come
-        rx, ry = (message.lag[1] - message.lag[0]) * vx, (message.lag[1] - message.lag[0]) * vy
+        rx, ry = front_way_x - way_x, front_way_y - way_y
         ex += c * rx + s * ry
         ey += c * ry - s * rx
-        qx -= message.lag[0] * vx
-        qy -= message.lag[0] * vy
+        qx -= way_x
+        qy -= way_y
     length = math.sqrt(ex * ex + ey * ey)
     tx, ty = (c * ex - s * ey) / length, (s * ex + c * ey) / length
     relative_cov_x, relative_cov_y = relative_covariance(b, m, k)
@@ -500,8 +501,8 @@ def _check_consistency(
 
 @compiled
 def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
-    """Write into `message` how long ago each ping arrived, `lag`, and for how long the current has
-    carried both vehicles, `drift_time`; `late` is 1 if any of them counts, else 0.
+    """Write into `message` what the follower has gone since each ping arrived, and for how long the
+    current has carried both vehicles, `drift_time`; `late` is 1 if any of them counts, else 0.
     """
     message.late = 0
     if not m.compensate_motion:
@@ -514,16 +515,28 @@ def _time_pings(b: GaussianMixture, m: Model, message: RangeMessage) -> None:
     # zero states no time
     if message.time == 0.0 or not last <= elapsed <= LONGEST_DELAY:
         elapsed = last
+    shortest_lag = math.inf
     for i in range(m.transmitters):
-        message.lag[i] = message.drift_time[i] = 0.0
+        message.drift_time[i] = 0.0
+        message.way_by_mean_speed[i, 0] = message.way_by_mean_speed[i, 1] = 0.0
         if message.ranges[i] == message.ranges[i]:
             travel_time = m.sound_slowness * message.ranges[i]
-            # over the lag, since it arrived, the follower has gone on; over the drift time, which
-            # begins with the message and not with this ping, the current has carried both vehicles
-            message.lag[i] = max(elapsed - i * m.ping_slot - travel_time, 0.0)
+            # since the ping arrived the follower has gone on; since the message began, and not this
+            # ping, the current has carried both vehicles
+            lag = max(elapsed - i * m.ping_slot - travel_time, 0.0)
+            motion.write_way_since(b, lag, message.way[i])
             message.drift_time[i] = max(elapsed - travel_time, 0.0)
             if message.drift_time[i] > NEGLIGIBLE_DELAY:
                 message.late = 1
+            if lag < shortest_lag:
+                shortest_lag = lag
+                message.last_to_arrive = i
+    if not message.late:
+        return
+    for i in range(m.transmitters):
+        if message.ranges[i] == message.ranges[i] and i != message.last_to_arrive:
+            lag = max(elapsed - i * m.ping_slot - m.sound_slowness * message.ranges[i], 0.0)
+            motion.take_mean_speed(b, m, message, i, (lag, shortest_lag))
 
 
 @compiled
@@ -560,6 +573,13 @@ def _update_components(b: GaussianMixture, m: Model, message: RangeMessage) -> i
         used = update(b, m, k, message)
         if used < 0:
             return -1
+        if used > 0 and message.late and m.speed == ABSENT:
+            # what dead reckoning errs since then no range shows
+            way = message.way[message.last_to_arrive]
+            b.covariance[k, X, X] += way[5]
+            b.covariance[k, X, Y] += way[6]
+            b.covariance[k, Y, X] += way[6]
+            b.covariance[k, Y, Y] += way[7]
         most_ranges = max(most_ranges, used)
     return most_ranges
 

@@ -19,7 +19,9 @@ import math
 
 import numpy as np
 
-from laisn.compiled import compiled, inlined
+from laisn.arrays import Floats
+from laisn.compiled import compiled, copy_values, inlined
+from laisn.delays import MEAN_SPEED_SIGMA, mean_window
 from laisn.geometry import angle_between, wrap_angle
 from laisn.mixture import (
     add_moments,
@@ -30,11 +32,98 @@ from laisn.mixture import (
     update_scalar,
 )
 from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, X, Y, refresh_output
-from laisn.tight.records import ABSENT, SPARE, GaussianMixture, Model, Preintegration, RangeMessage
+from laisn.tight.records import (
+    ABSENT,
+    INSTANT_SPACING,
+    INSTANTS,
+    SPARE,
+    WAY_SUMS,
+    GaussianMixture,
+    Model,
+    Preintegration,
+    RangeMessage,
+)
 from laisn.vector_math import sin_cos
 
-# of the log's readings, of which the speed within a message's pings is the mean [1/s]
-_PER_SMOOTHING = 1.0 / 1.5
+# of times that are sums of steps [s]
+_ROUNDING = 1e-6
+
+
+@compiled
+def _remember(
+    b: GaussianMixture, m: Model, step: tuple[float, float, float, float, float], dt: float
+) -> None:
+    """Add the sums of a step to the recent way, and what they err, by the readings at its end."""
+    o = b.motion
+    r = b.recent
+    for i in range(5):
+        r.sums[i] += step[i]
+    along_variance = m.speed_variance * dt * dt
+    across_variance = m.heading_variance * o.speed * o.speed * dt * dt
+    slip = m.slip_rate * dt
+    r.sums[5] += along_variance * o.sin * o.sin + across_variance * o.cos * o.cos + slip
+    r.sums[6] += (along_variance - across_variance) * o.sin * o.cos
+    r.sums[7] += along_variance * o.cos * o.cos + across_variance * o.sin * o.sin + slip
+    if o.clock - r.instant[r.last] < INSTANT_SPACING - _ROUNDING:
+        return
+    r.last = (r.last + 1) % INSTANTS
+    r.instant[r.last] = o.clock
+    copy_values(r.sums, r.instant_sums[r.last])
+
+
+@compiled
+def write_way_since(b: GaussianMixture, lag: float, way: Floats) -> None:
+    """Put the sums of the recent way since so long ago [s], or since the start, into `way`, shape
+    (WAY_SUMS,).
+    """
+    r = b.recent
+    arrival = b.motion.clock - lag
+    # the instants before and after it; none is later than the last one but now
+    before = r.last
+    after = -1
+    for _ in range(INSTANTS - 1):
+        if r.instant[before] <= arrival:
+            break
+        after = before
+        before = before - 1 if before > 0 else INSTANTS - 1
+    after_time = b.motion.clock if after < 0 else r.instant[after]
+    span = after_time - r.instant[before]
+    share = (after_time - max(arrival, r.instant[before])) / span if span > 0.0 else 0.0
+    for i in range(WAY_SUMS):
+        after_sum = r.sums[i] if after < 0 else r.instant_sums[after, i]
+        way[i] = r.sums[i] - after_sum + share * (after_sum - r.instant_sums[before, i])
+
+
+@compiled
+def take_mean_speed(
+    b: GaussianMixture, m: Model, message: RangeMessage, i: int, lag: tuple[float, float]
+) -> None:
+    """Let the way since ping i of a message have a mean speed until the last ping arrived; so long
+    ago each of them did [s]. See `laisn.delays.RecentWay.since`.
+    """
+    clock = b.motion.clock
+    time = lag[0] - lag[1]
+    begin, end = mean_window(time, clock - lag[1], clock - b.motion.elapsed, clock)
+    if time <= 0.0 or end - begin < time:
+        return
+    way = message.way[i]
+    last_way = message.way[message.last_to_arrive]
+    write_way_since(b, clock - begin, b.window)
+    path = b.window[4]
+    write_way_since(b, clock - end, b.window)
+    path -= b.window[4]
+    speed = path / (end - begin)
+    east, north = way[2] - last_way[2], way[3] - last_way[3]
+    way[0] = last_way[0] + speed * east
+    way[1] = last_way[1] + speed * north
+    sigma = math.sqrt(m.speed_variance * m.dt / (end - begin) + MEAN_SPEED_SIGMA * MEAN_SPEED_SIGMA)
+    message.way_by_mean_speed[i, 0] = sigma * east
+    message.way_by_mean_speed[i, 1] = sigma * north
+    # what the compass errs, across the way, and slip
+    across_variance = m.heading_variance * speed * speed * m.dt / time
+    way[5] = last_way[5] + across_variance * north * north + m.slip_rate * time
+    way[6] = last_way[6] - across_variance * east * north
+    way[7] = last_way[7] + across_variance * east * east + m.slip_rate * time
 
 
 @inlined
@@ -51,10 +140,14 @@ def preintegrate_direction(
         b.turn.sin, b.turn.cos = sine, cosine
     half_dt = 0.5 * dt
     last_speed = o.speed
-    o.ax += half_dt * (last_speed * o.sin + speed * sine)
-    o.ay += half_dt * (last_speed * o.cos + speed * cosine)
-    o.bx += half_dt * (o.sin + sine)
-    o.by += half_dt * (o.cos + cosine)
+    step_ax = half_dt * (last_speed * o.sin + speed * sine)
+    step_ay = half_dt * (last_speed * o.cos + speed * cosine)
+    step_bx = half_dt * (o.sin + sine)
+    step_by = half_dt * (o.cos + cosine)
+    o.ax += step_ax
+    o.ay += step_ay
+    o.bx += step_bx
+    o.by += step_by
     # N += (σ_v² u uᵀ + σ_θ² v² (I − u uᵀ)) Δt²
     across_variance = m.heading_variance * speed * speed * dt * dt
     # the error along the way is larger by so much than that across it; no reading has it where the
@@ -65,11 +158,12 @@ def preintegrate_direction(
     o.nyy += across_variance + along_less_across * cosine * cosine
     o.time += dt
     o.clock += dt
-    o.mean_speed += dt * max(_PER_SMOOTHING, 1.0 / o.clock) * (speed - o.mean_speed)
     o.elapsed += dt
     o.speed = speed
     o.sin = sine
     o.cos = cosine
+    if m.compensate_motion:
+        _remember(b, m, (step_ax, step_ay, step_bx, step_by, half_dt * (last_speed + speed)), dt)
     if m.speed != ABSENT:
         _advance_components(b, m, first)
 

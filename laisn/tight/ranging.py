@@ -5,8 +5,8 @@ leader's origin as broadcast, e and w its errors, a_i the arm from it to a trans
 broadcast heading places it, and Rot turns anticlockwise by the leader's compass bias.
 
 Where pings leave one after the other, or arrived some time ago, p is the place at their arrival:
-less (s̄ − b_v) Rot(b_θ) u times the time since then, with s̄ the mean speed of the last seconds. The
-leader's way until a ping left is in a_i. What the current carried both since the message's time is
+less the way since then, Rot(b_θ) (A − b_v B), with the sums of `laisn.tight.motion`. The leader's
+way until a ping left is in a_i. What the current carried both since the message's time is
 c (t − t_m − ρ_i / c_s).
 """
 
@@ -95,15 +95,19 @@ def _relative_component(m: Model, row: Floats, axis: int) -> float:
 
 
 @inlined
-def velocity_over_pings(b: GaussianMixture, k: int) -> tuple[float, float, float, float]:
-    """Direction and velocity of the follower through the water over the pings of a message, by the
-    biases of component k, east and north, [m/s].
+def way_since_ping(
+    b: GaussianMixture, k: int, message: RangeMessage, i: int
+) -> tuple[float, float, float, float]:
+    """The way of the follower through the water since ping i arrived, by the biases of component k,
+    east and north, [m]; and by how much it is shorter for 1 m/s of b_v, [s].
     """
-    o = b.motion
     s, c = sin_cos(b.state[k, COMPASS_BIAS])
-    ux, uy = c * o.sin - s * o.cos, s * o.sin + c * o.cos
-    speed = o.mean_speed - b.state[k, LOG_BIAS]
-    return ux, uy, speed * ux, speed * uy
+    bias = b.state[k, LOG_BIAS]
+    bx = message.way[i, 2]
+    by = message.way[i, 3]
+    ax = message.way[i, 0] - bias * bx
+    ay = message.way[i, 1] - bias * by
+    return c * ax - s * ay, s * ax + c * ay, c * bx - s * by, s * bx + c * by
 
 
 @compiled
@@ -113,14 +117,13 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, message: RangeMessage, cou
     """
     w = b.work
     P = b.covariance
-    ux, uy, vx, vy = velocity_over_pings(b, k)
     for j in range(count):
         i = w.used[j]
-        lag = message.lag[i]
-        # p is the place less (s̄ − b_v) Rot(b_θ) u · lag and c · drift time: h = ∂ρ/∂(b_v, b_θ, c),
-        # and h P
-        w.row_log[i] = lag * (w.row_x[i] * ux + w.row_y[i] * uy)
-        w.row_compass[i] = lag * (w.row_x[i] * vy - w.row_y[i] * vx)
+        # p is the place less Rot(b_θ) (A − b_v B) and c · drift time: h = ∂ρ/∂(b_v, b_θ, c), and
+        # h P
+        way_x, way_y, by_log_x, by_log_y = way_since_ping(b, k, message, i)
+        w.row_log[i] = w.row_x[i] * by_log_x + w.row_y[i] * by_log_y
+        w.row_compass[i] = w.row_x[i] * way_y - w.row_y[i] * way_x
         for h in range(m.n_states):
             w.ph[i, h] += (
                 P[k, LOG_BIAS, h] * w.row_log[i] + P[k, COMPASS_BIAS, h] * w.row_compass[i]
@@ -132,36 +135,31 @@ def _add_delays(b: GaussianMixture, m: Model, k: int, message: RangeMessage, cou
                 w.ph[i, h] += P[k, m.current, h] * east + P[k, m.current + 1, h] * north
 
 
-# the mean speed over the pings is that of so long a time, and not of more than since the last
-# message, whose errors are others [s]
-_SMOOTHING_TIME = 1.5
-# of the same, of what the vehicle accelerates [m/s]
-_ACCELERATION_SIGMA = 0.03
-
-
-@compiled
-def _delay_covariance(
-    b: GaussianMixture, m: Model, k: int, message: RangeMessage, i: int, g: int
-) -> float:
+@inlined
+def _delay_covariance(b: GaussianMixture, m: Model, message: RangeMessage, i: int, g: int) -> float:
     """What the delays of pings i and g add to the covariance of their ranges [m²]: through log,
-    compass and current, and by the random errors of speed and direction over them.
+    compass and current, and by what dead reckoning errs from the later of them until the last ping
+    of the message; see `laisn.delays.Ways`. Where the speed is a state, which errs less than the
+    way by the log's readings, it is what they err until now.
     """
     w = b.work
-    o = b.motion
-    ux, uy, vx, vy = velocity_over_pings(b, k)
     value: float = w.row_log[i] * w.ph[g, LOG_BIAS] + w.row_compass[i] * w.ph[g, COMPASS_BIAS]
     if m.current != ABSENT:
         east = w.row_x[i] * w.ph[g, m.current]
         north = w.row_y[i] * w.ph[g, m.current + 1]
         value -= message.drift_time[i] * (east + north)
-    share = m.dt / min(max(o.elapsed, m.dt), _SMOOTHING_TIME)
-    along_variance = m.speed_variance * share + _ACCELERATION_SIGMA * _ACCELERATION_SIGMA
-    across_variance = m.heading_variance * (vx * vx + vy * vy)
-    # + lag_i lag_g h_i (σ_v² u uᵀ + σ_θ² s̄² n nᵀ) h_gᵀ
-    lags = message.lag[i] * message.lag[g]
-    a = (w.row_x[i] * ux + w.row_y[i] * uy) * (w.row_x[g] * ux + w.row_y[g] * uy)
-    c = (w.row_x[i] * uy - w.row_y[i] * ux) * (w.row_x[g] * uy - w.row_y[g] * ux)
-    value += lags * (along_variance * a + across_variance * c)
+    later = message.way[i] if message.way[i, 5] < message.way[g, 5] else message.way[g]
+    slope, other = message.way_by_mean_speed[i], message.way_by_mean_speed[g]
+    xx, xy, yy = later[5], later[6], later[7]
+    if m.speed == ABSENT:
+        last = message.way[message.last_to_arrive]
+        xx -= last[5]
+        xy -= last[6]
+        yy -= last[7]
+    value += w.row_x[i] * xx * w.row_x[g] + w.row_y[i] * yy * w.row_y[g]
+    value += xy * (w.row_x[i] * w.row_y[g] + w.row_y[i] * w.row_x[g])
+    along = w.row_x[i] * slope[0] + w.row_y[i] * slope[1]
+    value += along * (w.row_x[g] * other[0] + w.row_y[g] * other[1])
     return value
 
 
@@ -222,9 +220,9 @@ def _linearise_range(
     qx += shift_x
     qy += shift_y
     if message.late:
-        _, _, vx, vy = velocity_over_pings(b, k)
-        qx -= message.lag[i] * vx
-        qy -= message.lag[i] * vy
+        way_x, way_y, _, _ = way_since_ping(b, k, message, i)
+        qx -= way_x
+        qy -= way_y
         if m.current != ABSENT:
             qx -= message.drift_time[i] * x[k, m.current]
             qy -= message.drift_time[i] * x[k, m.current + 1]
@@ -320,7 +318,7 @@ def _fill_innovation_covariance(
                 + w.row_scale[i] * w.ph[g, RANGE_SCALE]
             )
             if message.late:
-                value += _delay_covariance(b, m, k, message, i, g)
+                value += _delay_covariance(b, m, message, i, g)
             if has_leader_bias:
                 second += (
                     f[0, 2] * e[2, 0] + f[2, 0] * e[0, 2] + f[1, 2] * e[2, 1] + f[2, 1] * e[1, 2]

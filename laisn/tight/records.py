@@ -5,9 +5,11 @@ Each class declares the fields of a record with their types, units and shapes; `
 record_dtype` lays it out. Arrays have one shape for all settings, so that all share compiled code.
 """
 
+import math
 from typing import Annotated, TypeAlias
 
 from laisn.arrays import Floats, Ints, RecordFields, record_dtype
+from laisn.delays import LONGEST_DELAY
 from laisn.estimates import HYPOTHESES
 
 ABSENT = -1
@@ -19,6 +21,13 @@ MAX_STATES = 17
 COMPONENTS = MAX_MODES * CAPACITY
 SPARE = COMPONENTS - 1
 """Component that holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses."""
+INSTANT_SPACING = 0.1
+"""Least time between the instants of `RecentWay` [s]."""
+INSTANTS = math.ceil(LONGEST_DELAY / INSTANT_SPACING) + 2
+"""Instants for which a `RecentWay` has room, two of them for the one before the longest delay and
+for rounding.
+"""
+WAY_SUMS = 8
 _T = 3  # transmitters
 
 ByMode: TypeAlias = Annotated[Floats, (MAX_MODES,)]
@@ -92,11 +101,14 @@ class RangeMessage(RecordFields):
     ranges: ByRange  # slant ranges [m]; NaN where nothing was received
     shift: float  # what b_L grows by at this message [rad]
     added_variance: float  # what the variance of b_L grows by [rad²]
-    late: int  # 1 if `lag` and `drift_time` count
-    lag: ByRange  # how long ago each ping arrived [s]
+    late: int  # 1 if the way since the pings and `drift_time` count
     # how long the current has carried both vehicles since the message, less the way of each ping
     # [s]
     drift_time: ByRange
+    way: Annotated[Floats, (_T, WAY_SUMS)]  # sums of `RecentWay` since each ping arrived
+    # as of `laisn.delays.Ways`, east and north [m]
+    way_by_mean_speed: Annotated[Floats, (_T, 2)]
+    last_to_arrive: int  # the ping that arrived last
     echo_span: float  # most by which the range of an echo exceeds the direct one [m]
 
 
@@ -121,7 +133,18 @@ class Preintegration(RecordFields):
     sin: float
     cos: float
     clock: float  # time since the start [s]
-    mean_speed: float  # of the log over the last seconds [m/s]
+
+
+class RecentWay(RecordFields):
+    """A and B, as of `Preintegration`, and the covariance of their random errors since the start:
+    now, and at instants of the last seconds, the oldest of which makes room for the next one.
+    """
+
+    # A, B, Σ v Δt, and xx, xy, yy of the covariance
+    sums: Annotated[Floats, (WAY_SUMS,)]
+    last: int  # index of the last instant
+    instant: Annotated[Floats, (INSTANTS,)]  # time since the start [s]
+    instant_sums: Annotated[Floats, (INSTANTS, WAY_SUMS)]
 
 
 class CompassTurn(RecordFields):
@@ -247,6 +270,8 @@ class GaussianMixture(RecordFields):
     turn: CompassTurn
     leader_turn: CompassTurn
     motion: Preintegration
+    recent: RecentWay
+    window: Annotated[Floats, (WAY_SUMS,)]  # working memory, of its sums
     leader: LeaderMotion
     output: MeanPosition
     work: RangeUpdate

@@ -10,10 +10,15 @@ import numpy as np
 import pytest
 
 from laisn.arrays import Floats
-from laisn.delays import delays_of
+from laisn.delays import RecentWay, delays_of
 from laisn.messages import LeaderMessage, Measurements, OwnMotion, Ranges, Reception
 from laisn.navigators import find
 from laisn.settings import NavigationSettings, RivalSettings, Settings, TightSettings
+from laisn.tight.model import model_of, new_belief
+from laisn.tight.motion import take_mean_speed, write_way_since
+from laisn.tight.navigator import predict
+from laisn.tight.ranging import new_range_message
+from laisn.tight.records import BELIEF, MODEL, WAY_SUMS
 
 DT = 0.1
 SLOT = 0.2
@@ -32,28 +37,35 @@ def leader_at(time: float) -> Floats:
     return np.array([LEADER_SPEED, 0.0]) * time + CURRENT * time
 
 
-def follower_at(time: float) -> Floats:
-    return START + np.array([0.8, 0.6]) * time + CURRENT * time
-
-
 HEADING = float(np.arctan2(0.8, 0.6))
 
 
-def arrival(ping: int, sent_at: float) -> tuple[float, float]:
+def follower_at(time: float, turn_rate: float = 0.0) -> Floats:
+    """At 1 m/s through the water, straight on or in a circle [rad/s]."""
+    drifted = START + CURRENT * time
+    if turn_rate == 0.0:
+        return drifted + np.array([0.8, 0.6]) * time
+    heading = HEADING + turn_rate * time
+    chord = np.array([0.6 - np.cos(heading), np.sin(heading) - 0.8]) / turn_rate
+    return np.asarray(drifted + chord)
+
+
+def arrival(ping: int, sent_at: float, turn_rate: float) -> tuple[float, float]:
     """Time of arrival of a ping of a message, and its range, by iteration of the travel time."""
     leaves_at = sent_at + ping * SLOT
     source = leader_at(leaves_at) + TRANSMITTERS[ping]
     arrives_at = leaves_at
     for _ in range(10):
-        distance = float(np.hypot(*(follower_at(arrives_at) - source)))
+        distance = float(np.hypot(*(follower_at(arrives_at, turn_rate) - source)))
         arrives_at = leaves_at + distance / SOUND
     return arrives_at, distance
 
 
-def mission(delay: float, duration: float = 120.0) -> tuple[Measurements, Floats]:
-    """Exact readings of a straight mission, whose messages are handed over `delay` seconds after
-    their last ping; and true positions.
+def mission(delay: float, turn_rate: float = 0.0) -> tuple[Measurements, Floats]:
+    """Exact readings of two minutes, whose messages are handed over `delay` seconds after their
+    last ping; and true positions.
     """
+    duration = 120.0
     n_steps = round(duration / DT)
     message_steps = []
     messages = []
@@ -62,25 +74,28 @@ def mission(delay: float, duration: float = 120.0) -> tuple[Measurements, Floats
     last_sent_step = n_steps - 50 - round(delay / DT)
     for sent_step in range(STEPS_PER_MESSAGE, last_sent_step, STEPS_PER_MESSAGE):
         sent_at = sent_step * DT
-        times, distances = zip(*(arrival(i, sent_at) for i in range(3)), strict=True)
+        times, distances = zip(*(arrival(i, sent_at, turn_rate) for i in range(3)), strict=True)
         message_step = int(np.ceil((max(times) + delay) / DT - 1e-9))
         message_steps.append(message_step)
         # the inverted USBL sees from where it is now whence the front ping came
-        east, north = leader_at(sent_at + SLOT) + TRANSMITTERS[1] - follower_at(message_step * DT)
-        bearing[message_step - 1] = np.arctan2(east, north) - HEADING, 0.0
+        place = follower_at(message_step * DT, turn_rate)
+        east, north = leader_at(sent_at + SLOT) + TRANSMITTERS[1] - place
+        heading = HEADING + turn_rate * message_step * DT
+        bearing[message_step - 1] = np.arctan2(east, north) - heading, 0.0
         messages.append([sent_at, *leader_at(sent_at), EAST, LEADER_SPEED, 10.0, *[np.nan] * 4])
         ranges.append(distances)
     measured = Measurements(
         dt=DT,
         speed=np.ones(n_steps),
-        heading=np.full(n_steps, HEADING),
+        heading=HEADING + turn_rate * DT * np.arange(1, n_steps + 1),
         depth=np.full(n_steps, 10.0),
         message_step=np.array(message_steps),
         message=np.array(messages),
         ranges=np.array(ranges),
         custom={"bearing": bearing},
     )
-    return measured, np.array([follower_at(DT * k) for k in range(1, n_steps + 1)])
+    times = DT * np.arange(1, n_steps + 1)
+    return measured, np.array([follower_at(time, turn_rate) for time in times.tolist()])
 
 
 SENSORS: dict[str, Any] = {
@@ -106,11 +121,13 @@ def settings_of(variant: str, compensate: bool) -> Settings:
     return type(settings)(**{**settings.__dict__, "assume": assume, "current_sigma": 0.3})
 
 
-def error_of_second_half(variant: str, delay: float, compensate: bool) -> float:
+def error_of_second_half(
+    variant: str, delay: float, compensate: bool, turn_rate: float = 0.0
+) -> float:
     """Mean position error over the second half of a mission [m]."""
     if variant == "factor-graph" and find_spec("gtsam") is None:
         pytest.skip("GTSAM is not installed")
-    measured, truth = mission(delay)
+    measured, truth = mission(delay, turn_rate)
     start = np.array([*START, 0.8, 0.6])
     navigator = find(variant).make(settings_of(variant, compensate), start)
     estimates = navigator.run(measured)
@@ -142,6 +159,133 @@ def test_motion_of_both_vehicles_between_pings_and_since_reception_is_compensate
     error = error_of_second_half(variant, delay, compensate=True)
     assert error < bound
     assert error_of_second_half(variant, delay, compensate=False) > 2.0 * error
+
+
+@pytest.mark.parametrize(
+    ("variant", "bound"),
+    [
+        ("tight", 0.03),
+        ("ekf", 0.03),
+        ("imm", 0.05),
+        ("factor-graph", 0.03),
+        # its particles are far apart for ranges this exact
+        ("particle", 0.8),
+        ("inverted-usbl", 0.05),
+    ],
+)
+def test_the_way_since_the_pings_is_that_of_a_follower_that_turns(
+    variant: str, bound: float
+) -> None:
+    """A circle of 10 m radius: 8 s ago it headed 46° elsewhere, and straight on from its heading
+    and speed of now it would have been 3.1 m from where it was.
+    """
+    assert error_of_second_half(variant, 8.0, compensate=True, turn_rate=0.1) < bound
+
+
+@pytest.mark.parametrize("is_compiled", [False, True])
+def test_the_way_since_a_time_is_the_chord_of_a_circle(is_compiled: bool) -> None:
+    """And what it errs is that of the readings since then, each of a step; what was before the
+    start counts as at rest.
+    """
+    turn_rate, speed = 0.1, 1.3
+    settings = TightSettings(speed_sigma=0.2, heading_sigma=0.02, slip=0.03)
+    recent = RecentWay(0.2, 0.02, 0.03)
+    model = model_of(settings)
+    belief = np.array([new_belief(settings, model, (0.0, 0.0))], dtype=BELIEF)
+    model_record = np.array([model], dtype=MODEL)
+    # the ring of instants has been filled once and more
+    steps = 301
+    for step in range(1, steps + 1):
+        heading = turn_rate * DT * step
+        if is_compiled:
+            predict(belief, model_record, speed, heading, DT)
+        else:
+            recent.advance(speed, heading, DT)
+    lag = np.array([0.13, 7.46, 19.9])
+    if is_compiled:
+        sums = np.empty((3, WAY_SUMS))
+        for i in range(3):
+            write_way_since(belief.view(np.recarray)[0], lag[i], sums[i])
+    else:
+        ways = recent.since(lag)
+        entries = ways.covariance[:, [0, 0, 1], [0, 1, 1]]
+        sums = np.hstack([ways.logged, ways.per_speed, np.full((3, 1), np.nan), entries])
+    now = turn_rate * DT * steps
+    then = now - turn_rate * lag
+    chord = np.column_stack([np.cos(then) - np.cos(now), np.sin(now) - np.sin(then)]) / turn_rate
+    # within a step the way counts as straight: ω v Δt² / 8
+    np.testing.assert_allclose(sums[:, :2], speed * chord, rtol=0.0, atol=2e-4)
+    np.testing.assert_allclose(sums[:, 2:4], chord, rtol=0.0, atol=2e-4)
+    # ∫ sin² h dt, ∫ sin h cos h dt
+    squared = 0.5 * lag - (np.sin(2.0 * now) - np.sin(2.0 * then)) / (4.0 * turn_rate)
+    product = (np.sin(now) ** 2 - np.sin(then) ** 2) / (2.0 * turn_rate)
+    along, across, slip = DT * 0.2**2, DT * (0.02 * speed) ** 2, 0.03**2
+    expected = np.column_stack(
+        [
+            along * squared + (across + slip) * lag - across * squared,
+            (along - across) * product,
+            along * (lag - squared) + across * squared + slip * lag,
+        ]
+    )
+    np.testing.assert_allclose(sums[:, 5:], expected, rtol=0.01, atol=1e-5)
+
+
+@pytest.mark.parametrize("is_compiled", [False, True])
+@pytest.mark.parametrize("since_last_ping", [0.0, 0.5, 2.0])
+def test_from_ping_to_ping_the_speed_is_a_mean(since_last_ping: float, is_compiled: bool) -> None:
+    """Due east, with a log that errs by 0.2 m/s: over the 1.5 s about the pings it errs by
+    0.05 m/s, and over the 0.4 s from the first to the last alone by 0.1.
+    """
+    readings = 1.0 + 0.2 * np.random.default_rng(3).standard_normal(100)
+    settings = TightSettings(speed_sigma=0.2, heading_sigma=0.02, slip=0.03)
+    recent = RecentWay(0.2, 0.02, 0.03)
+    model = np.array([model_of(settings)], dtype=MODEL)
+    belief = np.array([new_belief(settings, model_of(settings), (0.0, 0.0))], dtype=BELIEF)
+    for reading in readings.tolist():
+        recent.advance(reading, EAST, DT)
+        predict(belief, model, reading, EAST, DT)
+    lag = since_last_ping + np.array([0.4, 0.2, 0.0])
+    if is_compiled:
+        message = new_range_message()
+        message["last_to_arrive"] = 2
+        for i in range(3):
+            write_way_since(belief.view(np.recarray)[0], lag[i], message["way"][i])
+        for i in range(2):
+            pings = (lag[i], since_last_ping)
+            beliefs, models = belief.view(np.recarray), model.view(np.recarray)
+            take_mean_speed(beliefs[0], models[0], message, i, pings)
+        sums = message["way"]
+        logged, covariance = sums[:, :2], sums[:, [5, 6, 6, 7]].reshape(3, 2, 2)
+        by_mean_speed = message["way_by_mean_speed"]
+    else:
+        logged, _, covariance, by_mean_speed = recent.since(lag)
+    # after each step, in which the speed is the mean of both ends
+    path = DT * np.append(0.0, np.cumsum(0.5 * (readings[np.r_[0, :99]] + readings)))
+    # the window reaches as far beyond the pings as before them, where the log has been read
+    for i, time in ((0, 0.4), (1, 0.2)):
+        end = min(10.0, 10.0 - since_last_ping + 0.5 * (1.5 - time))
+        begin_path, end_path = np.interp([end - 1.5, end], DT * np.arange(101), path)
+        speed = (end_path - begin_path) / 1.5
+        np.testing.assert_allclose(logged[i] - logged[2], [speed * time, 0.0], atol=1e-6)
+        sigma = np.sqrt(0.2**2 * DT / 1.5 + 0.03**2)
+        np.testing.assert_allclose(by_mean_speed[i], [sigma * time, 0.0], atol=1e-9)
+        aside = (0.02 * speed) ** 2 * DT
+        added = np.diag([0.03**2 * time, (0.03**2 + aside) * time])
+        np.testing.assert_allclose(covariance[i] - covariance[2], added, rtol=1e-6, atol=1e-12)
+
+
+def test_what_was_before_the_start_counts_as_at_rest() -> None:
+    recent = RecentWay()
+    for _ in range(20):
+        recent.advance(1.5, EAST, DT)
+    np.testing.assert_allclose(recent.since(np.full(3, 5.0)).logged, [[3.0, 0.0]] * 3, atol=1e-12)
+    model = model_of(TightSettings())
+    belief = np.array([new_belief(TightSettings(), model, (0.0, 0.0))], dtype=BELIEF)
+    for _ in range(20):
+        predict(belief, np.array([model], dtype=MODEL), 1.5, EAST, DT)
+    sums = np.empty(WAY_SUMS)
+    write_way_since(belief.view(np.recarray)[0], 5.0, sums)
+    np.testing.assert_allclose(sums[:4], [3.0, 0.0, 2.0, 0.0], atol=1e-12)
 
 
 def test_delays_by_hand() -> None:

@@ -45,10 +45,9 @@ def test_particles_move_by_the_odometry_turned_by_their_compass_bias() -> None:
         assert after[4] == before[4]
 
 
-def since_arrival(lag: Floats, drift_time: Floats) -> SinceArrival:
-    """At 1.2 m/s by the log on the course 0.6 rad by the compass."""
-    ahead = np.array([np.sin(0.6), np.cos(0.6)])
-    return SinceArrival(lag, drift_time, 1.2, ahead, (0.05, 0.02))
+def since_arrival(ways: Floats, drift_time: Floats, covariance: Floats) -> SinceArrival:
+    """At 1.2 m/s by the log."""
+    return SinceArrival(ways, ways / 1.2, drift_time, covariance)
 
 
 @pytest.mark.parametrize("is_late", [False, True])
@@ -58,19 +57,23 @@ def test_the_likelihood_is_the_density_of_a_normal_distribution(
     leader_sigma: float, received: list[int], is_late: bool
 ) -> None:
     """Of pings that arrived some time ago it is that of the particle's place at that time."""
-    lag = np.array([2.0, 1.7, 1.4])[received] * is_late
+    ways = np.array([[1.5, 1.8], [1.2, 1.7], [0.7, 1.4]])[received] * is_late
+    # of errors that add up: those of the later ping of two
+    variances = np.array([0.5, 0.3, 0.0])[received] * is_late
+    shape = np.array([[1.0, 0.4], [0.4, 2.0]])
+    between = np.minimum.outer(variances, variances)[:, :, None, None] * shape
     drift_time = np.array([2.0, 1.9, 1.8])[received] * is_late
     transmitters = TRANSMITTERS[received]
     ranges = np.array([19.0, 23.0, 20.5])[received]
     sigma = (0.3, 0.8, leader_sigma)
-    since = since_arrival(lag, drift_time)
+    since = since_arrival(ways, drift_time, between)
     logarithm = log_likelihood(PARTICLES, transmitters, ranges, sigma, since)
     expected = []
     for particle in PARTICLES:
-        course = 0.6 - particle[3]
-        ahead = np.array([np.sin(course), np.cos(course)])
-        starboard = np.array([np.cos(course), -np.sin(course)])
-        moved = np.outer(lag, (1.2 - particle[2]) * ahead) + np.outer(drift_time, particle[5:])
+        # a compass that reads too much has turned the way clockwise
+        bias = particle[3]
+        rotation = np.array([[np.cos(bias), -np.sin(bias)], [np.sin(bias), np.cos(bias)]])
+        moved = (1.0 - particle[2] / 1.2) * ways @ rotation.T + np.outer(drift_time, particle[5:])
         offset = particle[:2] - moved - transmitters[:, :2]
         distance = np.hypot(np.hypot(offset[:, 0], offset[:, 1]), transmitters[:, 2])
         scale_derivative = distance / ranges.max()
@@ -79,8 +82,7 @@ def test_the_likelihood_is_the_density_of_a_normal_distribution(
             scale_derivative, scale_derivative
         )
         covariance += leader_sigma**2 * unit @ unit.T
-        velocity_covariance = 0.05 * np.outer(ahead, ahead) + 0.02 * np.outer(starboard, starboard)
-        covariance += np.outer(lag, lag) * (unit @ velocity_covariance @ unit.T)
+        covariance += np.minimum.outer(variances, variances) * (unit @ shape @ unit.T)
         expected.append(
             multivariate_normal.logpdf(
                 ranges, distance + scale_derivative * particle[4], covariance
@@ -92,7 +94,7 @@ def test_the_likelihood_is_the_density_of_a_normal_distribution(
 
 def test_a_particle_at_a_transmitter_has_a_likelihood() -> None:
     particles = np.zeros((1, 7))
-    since = since_arrival(np.zeros(1), np.zeros(1))
+    since = since_arrival(np.zeros((1, 2)), np.zeros(1), np.zeros((1, 1, 2, 2)))
     transmitter, measured = np.zeros((1, 3)), np.array([2.0])
     (logarithm,) = log_likelihood(particles, transmitter, measured, (0.5, 0.0, 1.0), since)
     # of N(0, 0.5²) at 2, without ½ log 2π: no direction, hence no error of the leader's position

@@ -158,7 +158,7 @@ class Oracle:
         for speed, unit_vector in (self.last_reading, (own.speed, direction)):
             self.trapezoids = self.trapezoids + 0.5 * dt * unit_vector * np.array([speed, 1.0])
         self.readings.append((own.speed, direction, dt))
-        self.watch.read(own.speed, dt)
+        self.watch.read(own, dt)
         self.last_reading = own.speed, direction
         self.elapsed += dt
         if self.speed_is_state:
@@ -312,9 +312,12 @@ class Oracle:
         self.sides = [[self.predicted_for(c, received) for c in side] for side in self.sides]
         if {0, 1} <= set(received.indices):
             split(self.settings, self.sides, received)
-        self.used = max(
+        used = [
             update_with_ranges(self.settings, self.heading_variance, c, received) for c in self.all
-        )
+        ]
+        self.used = max(used)
+        for c, n_used in zip(self.all, used, strict=True):
+            c.P[:2, :2] += (n_used > 0) * received.ways.errors[received.ways.last]
         best = max(c.evidence for c in self.all)
         for c in self.all:
             c.weight *= float(np.exp(c.evidence - best))

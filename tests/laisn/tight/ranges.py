@@ -61,34 +61,96 @@ class Message:
     """Of the error of the place that is new in this message."""
     echo: float
     """By how much an echo may be longer."""
-    lag: Floats
-    """How long ago the pings arrived, of all three transmitters; 0 where all is prompt."""
     drift_time: Floats
-    """How long the current has acted since the message, less the way of the ping; likewise."""
-    ahead: complex
-    """Direction of the follower as its compass reads."""
-    mean_speed: float
-    """Its mean speed, and the variance of that."""
-    speed_variance: float
+    """How long the current has acted since the message, less the way of the ping, of all three
+    transmitters; 0 where all is prompt.
+    """
+    ways: Ways
 
 
 @dataclass
+class Ways:
+    """Of the follower since each of three pings arrived, by its readings; 0 where all is prompt."""
+
+    logged: list[complex]
+    """East + i north [m]."""
+    per_speed: list[complex]
+    """What they gain for 1 m/s more [s]."""
+    errors: list[Floats]
+    """Covariances, shapes (2, 2), of errors that add up reading by reading."""
+    mean_errors: list[complex]
+    """σ of the error that is in proportion to the time until the last ping arrived."""
+    last: int
+    """The ping that arrived last."""
+
+
 class Watch:
-    """The follower's clock and the mean of its log: of all readings in 1.5 s, later forgetting."""
+    """The follower's clock and all its readings."""
 
-    clock: float = 0.0
-    mean: float = 0.0
-    since_message: float = 0.0
+    def __init__(self) -> None:
+        self.clock = 0.0
+        self.since_message = 0.0
+        self.readings: list[tuple[float, float, complex]] = []
 
-    def read(self, speed: float, dt: float) -> None:
+    def read(self, own: OwnMotion, dt: float) -> None:
         self.clock += dt
         self.since_message += dt
-        share = max(dt / 1.5, dt / self.clock)
-        self.mean = (1.0 - share) * self.mean + share * speed
+        self.readings.append((dt, own.speed, complex(np.sin(own.heading), np.cos(own.heading))))
 
-    def variance(self, settings: TightSettings) -> float:
-        readings = np.clip(self.since_message, settings.dt, 1.5) / settings.dt
-        return float(settings.speed_sigma**2 / readings + 0.03**2)
+    def between(self, begin: float, end: float) -> tuple[complex, complex, float, Floats]:
+        """Ways by log and compass, for 1 m/s, and of the log alone, between two times; how many
+        seconds of each reading are in that.
+        """
+        dt, speed, ahead = (np.array(column) for column in zip(*self.readings, strict=True))
+        ends = np.cumsum(dt)
+        inside = np.minimum(ends, end) - np.maximum(ends - dt, begin)
+        share = np.maximum(inside, 0.0) / 2.0
+
+        def total(values: Floats) -> complex:
+            return complex(share @ (values + np.r_[values[:1], values[:-1]]))
+
+        return total(speed * ahead), total(ahead), total(speed).real, 2.0 * share
+
+    def errors(self, settings: TightSettings, begin: float) -> Floats:
+        """Covariance of the errors of the way since a time."""
+        seconds = self.between(begin, self.clock)[3]
+        covariance = settings.slip**2 * (self.clock - max(begin, 0.0)) * np.eye(2)
+        for (dt, speed, ahead), time in zip(self.readings, seconds, strict=True):
+            along, across = vector(ahead), vector(1j * ahead)
+            covariance += time * dt * settings.speed_sigma**2 * outer(along, along)
+            covariance += time * dt * (settings.heading_sigma * speed) ** 2 * outer(across, across)
+        return covariance
+
+
+def _ways(settings: TightSettings, watch: Watch, lag: Floats, received: list[int]) -> Ways:
+    """From ping to ping the speed is a mean of the readings of 1.5 s about them, since the last
+    message.
+    """
+    nothing = np.zeros((2, 2))
+    ways = Ways([0j] * 3, [0j] * 3, [nothing] * 3, [0j] * 3, 0)
+    if not received:
+        return ways
+    last = min(received, key=lambda i: float(lag[i]))
+    ways.last = last
+    for i in received:
+        arrived = watch.clock - lag[i]
+        ways.logged[i], ways.per_speed[i], _, _ = watch.between(arrived, watch.clock)
+        ways.errors[i] = watch.errors(settings, arrived)
+    for i in received:
+        time = float(lag[i] - lag[last])
+        end = min(watch.clock, watch.clock - lag[last] + max(1.5 - time, 0.0) / 2.0)
+        begin = max(end - 1.5, watch.clock - watch.since_message)
+        if i == last or time <= 0.0 or end - begin < time:
+            continue
+        speed = watch.between(begin, end)[2] / (end - begin)
+        between = ways.per_speed[i] - ways.per_speed[last]
+        ways.logged[i] = ways.logged[last] + speed * between
+        sigma = np.hypot(settings.speed_sigma * np.sqrt(settings.dt / (end - begin)), 0.03)
+        ways.mean_errors[i] = complex(sigma * between)
+        across = vector(1j * between / time) * settings.heading_sigma * speed
+        added = settings.dt * outer(across, across) + settings.slip**2 * np.eye(2)
+        ways.errors[i] = ways.errors[last] + time * added
+    return ways
 
 
 def _delays(
@@ -104,7 +166,7 @@ def _delays(
     leaves = settings.ping_slot * np.arange(3)
     last = max(0.0, float((leaves + travel_time).max()))
     since_sent = watch.clock - time
-    since_sent = since_sent if last <= since_sent <= 5.0 else last
+    since_sent = since_sent if last <= since_sent <= 20.0 else last
     drift_time = np.where(np.isinf(travel_time), 0.0, np.maximum(since_sent - travel_time, 0.0))
     lag = np.where(np.isinf(travel_time), 0.0, np.maximum(since_sent - travel_time - leaves, 0.0))
     is_late = settings.compensate_motion and bool((drift_time > 1e-3).any())
@@ -125,10 +187,18 @@ def _largest_echo_excess(
     return 1.0 + max(0.0, float((received - direct).max(initial=0.0)))
 
 
-def velocity(c: Component, received: Message) -> complex:
-    """Of the follower through the water over the pings, by the biases of a component."""
-    turned = np.exp(1j * c.x[COMPASS]) * received.ahead
-    return complex((received.mean_speed - c.x[LOG]) * turned)
+def way(c: Component, received: Message, i: int) -> complex:
+    """Of the follower through the water since ping i arrived, by the biases of a component."""
+    unbiased = received.ways.logged[i] - c.x[LOG] * received.ways.per_speed[i]
+    return complex(np.exp(1j * c.x[COMPASS]) * unbiased)
+
+
+def _way_errors(received: Message, i: int, j: int) -> Floats:
+    """Covariance of what the ways since pings i and j err until the last ping arrived."""
+    ways = received.ways
+    later = min((ways.errors[i], ways.errors[j]), key=np.trace)
+    common = outer(vector(ways.mean_errors[i]), vector(ways.mean_errors[j]))
+    return later - ways.errors[ways.last] + common
 
 
 def from_leader(c: Component, received: Message) -> tuple[Floats, Floats]:
@@ -179,11 +249,8 @@ def to_message(
         _largest_echo_excess(
             settings, message.depth, own.depth - settings.hydrophone_height, all_ranges
         ),
-        lag,
         drift_time,
-        complex(np.sin(own.heading), np.cos(own.heading)),
-        watch.mean,
-        watch.variance(settings),
+        _ways(settings, watch, lag, indices if drift_time.any() else []),
     )
 
 
@@ -216,13 +283,12 @@ def linearise(
     C = rows @ c.P @ rows.T
     C[2, 2] += about.variance
     C[:2, :2] -= about.removed_covariance
-    v_own = velocity(c, received)
-    motion_errors = np.zeros((t, 2))
+    directions = np.zeros((t, 2))
     residual, H, second_order = np.empty(t), np.zeros((t, N)), []
     for j, (arm, i) in enumerate(zip(received.arms, received.indices, strict=True)):
         s = rotation(c.x[LEADER] + turn) @ arm[:2]
-        lag, drift_time = received.lag[i], received.drift_time[i]
-        offset = q - s - lag * vector(v_own) - drift_time * c.x[[EAST, NORTH]]
+        moved, drift_time = way(c, received, i), received.drift_time[i]
+        offset = q - s - vector(moved) - drift_time * c.x[[EAST, NORTH]]
         rho = max(np.linalg.norm([*offset, arm[2]]), 0.01)
         J = np.array([[1.0, 0.0, s[1]], [0.0, 1.0, -s[0]]])
         g = J.T @ offset / rho
@@ -230,12 +296,11 @@ def linearise(
         second_order.append(second @ C)
         H[j] = g @ rows
         H[j, SCALE] = received.ranges[j] / max(received.ranges.max(), 0.01)
-        ahead = np.exp(1j * c.x[COMPASS]) * received.ahead
-        H[j, LOG] += lag * (g[:2] @ vector(ahead))
-        H[j, COMPASS] -= lag * (g[:2] @ vector(1j * v_own))
+        per_speed = np.exp(1j * c.x[COMPASS]) * received.ways.per_speed[i]
+        H[j, LOG] += g[:2] @ vector(per_speed)
+        H[j, COMPASS] -= g[:2] @ vector(1j * moved)
         H[j, [EAST, NORTH]] -= drift_time * g[:2]
-        along, across = g[:2] @ vector(ahead), g[:2] @ vector(1j * ahead)
-        motion_errors[j] = lag * along, lag * across
+        directions[j] = g[:2]
         if i > 0 and settings.assume.offsets:
             H[j, 7 + i] = 1.0
         H[j, CLOCK] = 1.0
@@ -252,9 +317,9 @@ def linearise(
     S += heading_variance * outer(H[:, LEADER], H[:, LEADER]) + settings.range_sigma**2 * np.eye(t)
     if settings.transmitters == 2:
         S += np.diag((0.12 / np.maximum(received.ranges, 1.0) ** 2) ** 2)
-    S += received.speed_variance * outer(motion_errors[:, 0], motion_errors[:, 0])
-    across_variance = (settings.heading_sigma * abs(v_own)) ** 2
-    S += across_variance * outer(motion_errors[:, 1], motion_errors[:, 1])
+    for j, i in enumerate(received.indices):
+        for k, other in enumerate(received.indices):
+            S[j, k] += directions[j] @ _way_errors(received, i, other) @ directions[k]
     return (
         residual,
         H,
@@ -360,10 +425,9 @@ def _axis(c: Component, received: Message) -> tuple[Floats, Floats, Floats]:
     rear ping arrived; where it was, and derivatives as of `beside`.
     """
     q, rows = from_leader(c, received)
-    moved = vector(velocity(c, received))
+    rear_way, front_way = vector(way(c, received, 0)), vector(way(c, received, 1))
     axis = rotation(c.x[LEADER]) @ (received.axis[1, :2] - received.axis[0, :2])
-    axis = axis + (received.lag[1] - received.lag[0]) * moved
-    return axis, q - received.lag[0] * moved, rows
+    return axis + front_way - rear_way, q - rear_way, rows
 
 
 def lateral_offset(c: Component, received: Message) -> tuple[float, Floats]:
