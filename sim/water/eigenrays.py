@@ -128,7 +128,8 @@ NO_STATE = RayState(math.nan, math.nan, math.nan, 0)
 """A ray that meets surface or floor otherwise than wanted."""
 
 
-@formula
+# not a formula: inlined wherever it is called it would take the compiler twenty seconds more
+@compiled
 def _advance(
     depths: Floats, cubic: Floats, horizontal: float, state: RayState, h: float
 ) -> RayState:
@@ -150,14 +151,18 @@ def _advance(
     )
 
 
+class _Hits(NamedTuple):
+    """Reflections of a ray so far."""
+
+    surface: int
+    floor: int
+
+
 @compiled
 def _reflect(
-    w: PathInWater, horizontal: float, state: RayState, h: float, hits: tuple[int, int]
-) -> tuple[RayState, tuple[int, int]]:
-    """A step that meets surface or floor; it ends early where that is more often than wanted.
-
-    `hits`: reflections so far at surface and floor.
-    """
+    w: PathInWater, horizontal: float, state: RayState, h: float, hits: _Hits
+) -> tuple[RayState, _Hits]:
+    """A step that meets surface or floor; it ends early where that is more often than wanted."""
     depths = w.profile.depth
     cubic = w.profile.cubic
     at_surface, at_floor = hits
@@ -165,14 +170,14 @@ def _reflect(
     while True:
         ahead = _advance(depths, cubic, horizontal, state, remaining)
         if 0.0 <= ahead.depth <= w.floor:
-            return ahead, (at_surface, at_floor)
+            return ahead, _Hits(at_surface, at_floor)
         boundary = 0.0 if ahead.depth < 0.0 else w.floor
         if ahead.depth < 0.0:
             at_surface += 1
         else:
             at_floor += 1
         if at_surface > w.by_surface or at_floor > w.by_floor:
-            return state, (at_surface, at_floor)
+            return state, _Hits(at_surface, at_floor)
         # Newton for the part of the step at which the boundary is met
         step = remaining * (state.depth - boundary) / (state.depth - ahead.depth)
         reached = state
@@ -210,17 +215,17 @@ def trace(w: PathInWater, source: float, angle: float, distance: float, steps: i
     horizontal, vertical = _launch(w.profile, source, angle)
     h = distance / (steps * horizontal)
     state = RayState(source, vertical, 0.0, 0)
-    hits = (0, 0)
+    hits = _Hits(0, 0)
     depths = w.profile.depth
     cubic = w.profile.cubic
     for _ in range(steps):
         ahead = _advance(depths, cubic, horizontal, state, h)
         if not 0.0 <= ahead.depth <= w.floor:
             ahead, hits = _reflect(w, horizontal, state, h, hits)
-            if hits[0] > w.by_surface or hits[1] > w.by_floor:
+            if hits.surface > w.by_surface or hits.floor > w.by_floor:
                 return NO_STATE
         state = ahead
-    if hits[0] < w.by_surface or hits[1] < w.by_floor:
+    if hits.surface < w.by_surface or hits.floor < w.by_floor:
         return NO_STATE
     return state
 
@@ -235,22 +240,22 @@ def trace_fan(
     for j in range(depths.shape[0]):
         horizontal, vertical = _launch(w.profile, source, first + j * spacing)
         state = RayState(source, vertical, 0.0, 0)
-        hits = (0, 0)
+        hits = _Hits(0, 0)
         last_range = 0.0
         for k in range(ranges.size):
             steps = max(1, math.ceil((ranges[k] - last_range) / _MAX_HORIZONTAL_STEP_M))
             h = (ranges[k] - last_range) / (steps * horizontal)
-            if hits[0] > w.by_surface or hits[1] > w.by_floor:
+            if hits.surface > w.by_surface or hits.floor > w.by_floor:
                 depths[j, k] = math.nan
                 continue
             for _ in range(steps):
                 ahead = _advance(w.profile.depth, w.profile.cubic, horizontal, state, h)
                 if not 0.0 <= ahead.depth <= w.floor:
                     ahead, hits = _reflect(w, horizontal, state, h, hits)
-                    if hits[0] > w.by_surface or hits[1] > w.by_floor:
+                    if hits.surface > w.by_surface or hits.floor > w.by_floor:
                         break
                 state = ahead
-            is_wanted = hits[0] == w.by_surface and hits[1] == w.by_floor
+            is_wanted = hits.surface == w.by_surface and hits.floor == w.by_floor
             depths[j, k] = state.depth if is_wanted else math.nan
             last_range = ranges[k]
 

@@ -65,11 +65,11 @@ class Message:
     """How long the current has acted since the message, less the way of the ping, of all three
     transmitters; 0 where all is prompt.
     """
-    ways: Ways
+    ways: WaysOfReadings
 
 
 @dataclass
-class Ways:
+class WaysOfReadings:
     """Of the follower since each of three pings arrived, by its readings; 0 where all is prompt."""
 
     logged: list[complex]
@@ -122,12 +122,14 @@ class Watch:
         return covariance
 
 
-def _ways(settings: TightSettings, watch: Watch, lag: Floats, received: list[int]) -> Ways:
+def _ways(
+    settings: TightSettings, watch: Watch, lag: Floats, received: list[int]
+) -> WaysOfReadings:
     """From ping to ping the speed is a mean of the readings of 1.5 s about them, since the last
     message.
     """
     nothing = np.zeros((2, 2))
-    ways = Ways([0j] * 3, [0j] * 3, [nothing] * 3, [0j] * 3, 0)
+    ways = WaysOfReadings([0j] * 3, [0j] * 3, [nothing] * 3, [0j] * 3, 0)
     if not received:
         return ways
     last = min(received, key=lambda i: float(lag[i]))
