@@ -6,11 +6,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 UV := $(shell command -v uv 2>/dev/null)
 
-.PHONY: help run test test-all golden typed fuzz mutants check release-check docs bundle bench figures studies lock clean
+.PHONY: help run test test-all test-long golden typed fuzz mutants check release-check docs bundle bench figures studies lock clean
 
 # Bytecode is kept whatever the environment says: it is not made when packages are installed, but when they are first
 # imported, which takes half the time, as most modules never are.
-run test test-all typed fuzz: export PYTHONDONTWRITEBYTECODE =
+run test test-all test-long typed fuzz: export PYTHONDONTWRITEBYTECODE =
 run: $(VENV)/.runtime  ## fly mission T5 (the target of a plain `make`)
 	$(BIN)/laisn fly T5
 
@@ -23,7 +23,10 @@ test: $(VENV)/.dev  ## run the quick tests on all cores; PYTEST_ARGS="-n 0 -k wo
 	$(PYTEST) --hypothesis-profile quick $(PYTEST_ARGS)
 
 test-all: $(VENV)/.dev  ## run these and those of whole commands, processes, films and documents
-	$(PYTEST) -m 'not typed' $(PYTEST_ARGS)
+	$(PYTEST) -m 'not typed and not long' $(PYTEST_ARGS)
+
+test-long: $(VENV)/.dev  ## run those that compile most of the project anew, minutes each
+	$(PYTEST) -m long $(PYTEST_ARGS)
 
 golden: $(VENV)/.dev  ## write the golden pages of tests/data/pages anew; read what changes in them
 	GOLDEN=write $(BIN)/python -m pytest -n 0 -q -k golden $(PYTEST_ARGS)
@@ -45,7 +48,7 @@ check: $(VENV)/.dev  ## lint, formatting, types; numbers in README and docs
 	$(BIN)/mypy
 	$(BIN)/python -m tools.documents.markers --check
 
-release-check: check  ## check, and fail if a study has to be run again
+release-check: check test-long  ## check, run the long tests, and fail if a study has to be run again
 	$(BIN)/python -m tools.documents.markers --check --strict
 
 docs: $(VENV)/.dev  ## build the site of the documents into out/site: pages, examples, API reference; check its links

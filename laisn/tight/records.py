@@ -22,9 +22,9 @@ COMPONENTS = MAX_MODES * CAPACITY
 SPARE = COMPONENTS - 1
 """Component that holds a copy or a trial while there are at most `HYPOTHESES` + 2 hypotheses."""
 INSTANT_SPACING = 0.1
-"""Least time between the instants of `RecentWay` [s]."""
+"""Least time between the instants of `WaySums` [s]."""
 INSTANTS = math.ceil(LONGEST_DELAY / INSTANT_SPACING) + 2
-"""Instants for which a `RecentWay` has room, two of them for the one before the longest delay and
+"""Instants for which a `WaySums` has room, two of them for the one before the longest delay and
 for rounding.
 """
 WAY_SUMS = 8
@@ -105,7 +105,7 @@ class RangeMessage(RecordFields):
     # how long the current has carried both vehicles since the message, less the way of each ping
     # [s]
     drift_time: ByRange
-    way: Annotated[Floats, (_T, WAY_SUMS)]  # sums of `RecentWay` since each ping arrived
+    way: Annotated[Floats, (_T, WAY_SUMS)]  # sums of `WaySums` since each ping arrived
     # as of `laisn.delays.Ways`, east and north [m]
     way_by_mean_speed: Annotated[Floats, (_T, 2)]
     last_to_arrive: int  # the ping that arrived last
@@ -135,7 +135,7 @@ class Preintegration(RecordFields):
     clock: float  # time since the start [s]
 
 
-class RecentWay(RecordFields):
+class WaySums(RecordFields):
     """A and B, as of `Preintegration`, and the covariance of their random errors since the start:
     now, and at instants of the last seconds, the oldest of which makes room for the next one.
     """
@@ -270,7 +270,7 @@ class GaussianMixture(RecordFields):
     turn: CompassTurn
     leader_turn: CompassTurn
     motion: Preintegration
-    recent: RecentWay
+    recent: WaySums
     window: Annotated[Floats, (WAY_SUMS,)]  # working memory, of its sums
     leader: LeaderMotion
     output: MeanPosition

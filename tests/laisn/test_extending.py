@@ -145,6 +145,7 @@ def test_a_new_variant_flies_and_replays(copy: Path) -> None:
     assert best["e_p_mean_m"] != closest["e_p_mean_m"]
 
 
+@pytest.mark.long
 def test_a_new_variant_is_the_same_in_a_campaign(copy: Path) -> None:
     run(copy, "-c", CAMPAIGN)
 

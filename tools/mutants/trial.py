@@ -124,7 +124,7 @@ def enter_copy(folder: Path) -> None:
 def pytest_command(tests: Iterable[str]) -> str:
     """The command that runs test files until one test fails."""
     return (
-        f"{sys.executable} -m pytest -x -m 'not typed' -p no:cacheprovider --tb=short "
+        f"{sys.executable} -m pytest -x -m 'not typed and not long' -p no:cacheprovider --tb=short "
         f"--hypothesis-profile mutants {' '.join(tests)}"
     )
 

@@ -29,12 +29,14 @@ pytestmark = pytest.mark.system
 FOLLOWERS = [
     {"name": "port", "station": {"behind_m": 8.0, "port_m": 8.0, "depth_m": 9.0}},
     {"name": "astern", "station": {"behind_m": 16.0, "port_m": 0.0, "depth_m": 11.0}},
+    # three move side by side, as in formations, whose compiled code serves here
+    {"name": "far", "station": {"behind_m": 24.0, "port_m": 8.0, "depth_m": 11.0}},
 ]
 ON_ROUTES: dict[str, Any] = {
     "name": "open",
     "duration_s": 230.0,
     "epoch": "2026-05-04T10:00:13Z",
-    "navigation": {"variant": "tight"},
+    "navigation": {"variant": "laisn-3-2"},
     "leader": {"broadcast_attitude": True},
     "acoustics": {"loss_probability": 0.2, "travel_time": True},
     "followers": [{"route": "T5"}],
@@ -43,12 +45,13 @@ ON_ROUTES: dict[str, Any] = {
 RARE_MESSAGES = ON_ROUTES | {
     "duration_s": 240.0,
     "motion": "kinematic",
+    "navigation": {"variant": "tight"},
     "timing": {"filter_step_s": 0.3, "message_interval_s": 120.0},
     "followers": [{"route": "T5"}, {"route": "T3", "name": "other"}],
 }
 ON_STATIONS = ON_ROUTES | {
     "name": "closed",
-    "navigation": {"variant": "laisn-3-2"},
+    "navigation": {"variant": "tight"},
     "followers": FOLLOWERS,
 }
 

@@ -90,7 +90,7 @@ def test_estimates_of_the_record_are_those_of_this_code() -> None:
         assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-9), name
 
 
-@pytest.mark.system
+@pytest.mark.long
 def test_motions_of_the_record_are_those_of_this_code() -> None:
     """A hundred seconds of Fossen's model, term by term, beside ours."""
     motions = hull_trials._fossen()
