@@ -5,7 +5,6 @@ are in, or later. A range is the distance of the places at these times.
 """
 
 import math
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ LONGEST_DELAY = 20.0
 A message of 10 s with pings 2 s apart takes 14 s beside the way of its sound."""
 NEGLIGIBLE_DELAY = 1e-3
 """An arrival within this time is now [s]."""
+_MOST_WAITING = 1000  # calls of which readings wait until they are summed up
 MEAN_SPEED_TIME = 1.5
 """The speed from ping to ping is the log's mean over this time [s]."""
 MEAN_SPEED_SIGMA = 0.03
@@ -144,34 +144,64 @@ class RecentWay:
         """Begin at rest; random errors of the readings [m/s], [rad], and the walk of the place that
         they do not see [m/√s].
         """
-        self.clock = 0.0  # time since the start [s]
         self.last_message = 0.0  # time of the last message that was used, which the caller sets [s]
         self._variances = speed_sigma**2, heading_sigma**2, slip**2
         self._dt = 0.0
-        # after each step the time, A, B, Σ v Δt, and xx, xy, yy of the covariance since the start
-        self._sums = deque([np.zeros(9)])
-        self._velocity: Floats | None = None  # 1, v u, u and v of the last reading
+        # at the start and after each step the time, A, B, Σ v Δt, and xx, xy, yy of the covariance
+        self._sums = np.zeros((1, 9))
+        self._reading = np.empty((0, 2))  # the last one of log and compass; none before the first
+        self._waiting = list[tuple[Floats, Floats]]()  # readings and durations, not yet summed up
 
-    def advance(self, speed: float, heading: float, dt: float) -> None:
-        """Take the readings [m/s], [rad] at the end of a step that took a time [s]."""
-        east, north = math.sin(heading), math.cos(heading)
-        velocity = np.array([1.0, speed * east, speed * north, east, north, speed])
-        last_velocity = velocity if self._velocity is None else self._velocity
-        self._velocity = velocity
-        self._dt = dt
-        self.clock += dt
+    @property
+    def clock(self) -> float:
+        """Time since the start [s]."""
+        self._sum_up()
+        return float(self._sums[-1, 0])
+
+    def advance(self, readings: Floats, durations: Floats) -> None:
+        """Take the readings of log [m/s] and compass [rad] at the ends of n steps, shape (n, 2),
+        and how long each took, shape (n,), [s].
+        """
+        self._waiting.append((readings, durations))
+        if len(self._waiting) >= _MOST_WAITING:
+            self._sum_up()
+
+    def _sum_up(self) -> None:
+        """Add the readings that wait to the sums."""
+        readings, durations = (
+            np.concatenate([np.empty((0, 2)), *(readings for readings, _ in self._waiting)]),
+            np.concatenate([np.empty(0), *(durations for _, durations in self._waiting)]),
+        )
+        self._waiting.clear()
+        takes_time = durations > 0.0
+        readings, dt = readings[takes_time], durations[takes_time]
+        if not dt.size:
+            return
+        last_reading = self._reading if self._reading.size else readings[:1]
+        speed, heading = np.vstack([last_reading, readings]).T
+        self._reading = readings[-1:].copy()
+        self._dt = float(dt[-1])
+        east, north = np.sin(heading), np.cos(heading)
+        velocity = np.column_stack([speed * east, speed * north, east, north, speed])
+        speed, east, north = speed[1:], east[1:], north[1:]
         speed_variance, heading_variance, slip_rate = self._variances
         along = speed_variance * dt * dt
         across = heading_variance * speed * speed * dt * dt
         slip = slip_rate * dt
-        step = np.empty(9)
-        step[:6] = 0.5 * dt * (last_velocity + velocity)
-        step[6] = along * east * east + across * north * north + slip
-        step[7] = (along - across) * east * north
-        step[8] = along * north * north + across * east * east + slip
-        self._sums.append(self._sums[-1] + step)
-        while len(self._sums) > 2 and self._sums[1][0] < self.clock - LONGEST_DELAY:
-            self._sums.popleft()
+        steps = np.column_stack(
+            [
+                dt,
+                0.5 * dt[:, None] * (velocity[:-1] + velocity[1:]),
+                along * east * east + across * north * north + slip,
+                (along - across) * east * north,
+                along * north * north + across * east * east + slip,
+            ]
+        )
+        # one after another: the same to the bit in one call and in many
+        sums = np.cumsum(np.vstack([self._sums[-1:], steps]), axis=0)
+        oldest = sums[-1, 0] - LONGEST_DELAY
+        first = int(np.searchsorted(self._sums[:, 0], oldest, side="right")) - 1
+        self._sums = np.vstack([self._sums[max(first, 0) :], sums[1:]])
 
     def since(self, lag: Floats) -> Ways:
         """The way since so long ago [s], shape (3,); NaN counts as now, what was before the start
@@ -180,7 +210,9 @@ class RecentWay:
         From ping to ping, where a difference of ranges of centimetres is a direction, the speed is
         a mean.
         """
-        sums = np.array(self._sums)
+        self._sum_up()
+        sums = self._sums
+        clock = float(sums[-1, 0])
         arrival = sums[-1, 0] - np.nan_to_num(lag)
         way = np.column_stack(
             [column[-1] - np.interp(arrival, sums[:, 0], column) for column in sums.T[1:]]
@@ -193,9 +225,7 @@ class RecentWay:
         for i in received:
             last = received[lag[received].argmin()]
             time = float(lag[i] - lag[last])
-            begin, end = mean_window(
-                time, self.clock - float(lag[last]), self.last_message, self.clock
-            )
+            begin, end = mean_window(time, clock - float(lag[last]), self.last_message, clock)
             if time <= 0.0 or end - begin < time:
                 continue
             path = np.interp([begin, end], sums[:, 0], sums[:, 5])

@@ -242,7 +242,7 @@ class Navigator(OnlineNavigator[Estimates]):
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
         if self.settings.compensate_motion:
-            self._recent.advance(own.speed, own.heading, dt)
+            self._recent.advance(np.array([[own.speed, own.heading]]), np.array([dt]))
         self._gate.lengthen(dt - self.settings.dt)
         self._filter.predict(self._acceleration(own, reception), dt)
         records = [] if reception is None else self._update_position(own, reception)

@@ -197,9 +197,7 @@ class DeadReckoning(OnlineNavigator[Estimates]):
         n = durations.size
         states = np.empty((n, 4))
         covariances = np.empty((n, 4, 4))
-        for (speed, heading), dt in zip(readings.tolist(), durations.tolist(), strict=True):
-            if dt > 0.0:
-                self._recent.advance(speed, heading, dt)
+        self._recent.advance(readings, durations)
         if n:
             last_reading = self._reading if self._reading.size else readings[:1]
             steps = np.vstack([last_reading, readings])

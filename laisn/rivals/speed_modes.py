@@ -194,7 +194,7 @@ class SpeedModes(OnlineNavigator[Estimates]):
         self._since_mixing = 0.0
 
     def _navigate(self, own: OwnMotion, reception: Reception | None, dt: float) -> list[FixRecord]:
-        self._recent.advance(own.speed, own.heading, dt)
+        self._recent.advance(np.array([[own.speed, own.heading]]), np.array([dt]))
         last_heading = own.heading if self._heading is None else self._heading
         middle = last_heading + 0.5 * signed_angle(own.heading - last_heading)
         self._heading = own.heading

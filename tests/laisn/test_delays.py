@@ -200,7 +200,7 @@ def test_the_way_since_a_time_is_the_chord_of_a_circle(is_compiled: bool) -> Non
         if is_compiled:
             predict(belief, model_record, speed, heading, DT)
         else:
-            recent.advance(speed, heading, DT)
+            recent.advance(np.array([[speed, heading]]), np.array([DT]))
     lag = np.array([0.13, 7.46, 19.9])
     if is_compiled:
         sums = np.empty((3, WAY_SUMS))
@@ -242,8 +242,8 @@ def test_from_ping_to_ping_the_speed_is_a_mean(since_last_ping: float, is_compil
     model = np.array([model_of(settings)], dtype=MODEL)
     belief = np.array([new_belief(settings, model_of(settings), (0.0, 0.0))], dtype=BELIEF)
     for reading in readings.tolist():
-        recent.advance(reading, EAST, DT)
         predict(belief, model, reading, EAST, DT)
+    recent.advance(np.column_stack([readings, np.full(100, EAST)]), np.full(100, DT))
     lag = since_last_ping + np.array([0.4, 0.2, 0.0])
     if is_compiled:
         message = new_range_message()
@@ -276,8 +276,7 @@ def test_from_ping_to_ping_the_speed_is_a_mean(since_last_ping: float, is_compil
 
 def test_what_was_before_the_start_counts_as_at_rest() -> None:
     recent = RecentWay()
-    for _ in range(20):
-        recent.advance(1.5, EAST, DT)
+    recent.advance(np.tile([1.5, EAST], (20, 1)), np.full(20, DT))
     np.testing.assert_allclose(recent.since(np.full(3, 5.0)).logged, [[3.0, 0.0]] * 3, atol=1e-12)
     model = model_of(TightSettings())
     belief = np.array([new_belief(TightSettings(), model, (0.0, 0.0))], dtype=BELIEF)
