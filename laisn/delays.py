@@ -62,12 +62,6 @@ def leader_way(message: LeaderMessage, settings: Settings) -> Floats:
     return np.asarray(message.speed * slots[:, None] * direction)
 
 
-def rotate(vectors: Floats, angle: float) -> Floats:
-    """East and north, shape (n, 2), turned anticlockwise by an angle [rad]."""
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return np.asarray(vectors @ np.array([[cosine, sine], [-sine, cosine]]))
-
-
 class Ways(NamedTuple):
     """What a vehicle has gone since each of three pings arrived, by log and compass as they read.
 

@@ -24,6 +24,9 @@ from laisn.tight.records import (
     ABSENT,
     CAPACITY,
     SPARE,
+    WAY_XX,
+    WAY_XY,
+    WAY_YY,
     CompassTurn,
     GaussianMixture,
     Model,
@@ -576,10 +579,10 @@ def _update_components(b: GaussianMixture, m: Model, message: RangeMessage) -> i
         if used > 0 and message.late and m.speed == ABSENT:
             # what dead reckoning errs since then no range shows
             way = message.way[message.last_to_arrive]
-            b.covariance[k, X, X] += way[5]
-            b.covariance[k, X, Y] += way[6]
-            b.covariance[k, Y, X] += way[6]
-            b.covariance[k, Y, Y] += way[7]
+            b.covariance[k, X, X] += way[WAY_XX]
+            b.covariance[k, X, Y] += way[WAY_XY]
+            b.covariance[k, Y, X] += way[WAY_XY]
+            b.covariance[k, Y, Y] += way[WAY_YY]
         most_ranges = max(most_ranges, used)
     return most_ranges
 

@@ -37,7 +37,11 @@ from laisn.tight.records import (
     INSTANT_SPACING,
     INSTANTS,
     SPARE,
+    WAY_PATH,
     WAY_SUMS,
+    WAY_XX,
+    WAY_XY,
+    WAY_YY,
     GaussianMixture,
     Model,
     Preintegration,
@@ -61,9 +65,9 @@ def _remember(
     along_variance = m.speed_variance * dt * dt
     across_variance = m.heading_variance * o.speed * o.speed * dt * dt
     slip = m.slip_rate * dt
-    r.sums[5] += along_variance * o.sin * o.sin + across_variance * o.cos * o.cos + slip
-    r.sums[6] += (along_variance - across_variance) * o.sin * o.cos
-    r.sums[7] += along_variance * o.cos * o.cos + across_variance * o.sin * o.sin + slip
+    r.sums[WAY_XX] += along_variance * o.sin * o.sin + across_variance * o.cos * o.cos + slip
+    r.sums[WAY_XY] += (along_variance - across_variance) * o.sin * o.cos
+    r.sums[WAY_YY] += along_variance * o.cos * o.cos + across_variance * o.sin * o.sin + slip
     if o.clock - r.instant[r.last] < INSTANT_SPACING - _ROUNDING:
         return
     r.last = (r.last + 1) % INSTANTS
@@ -109,9 +113,9 @@ def take_mean_speed(
     way = message.way[i]
     last_way = message.way[message.last_to_arrive]
     write_way_since(b, clock - begin, b.window)
-    path = b.window[4]
+    path = b.window[WAY_PATH]
     write_way_since(b, clock - end, b.window)
-    path -= b.window[4]
+    path -= b.window[WAY_PATH]
     speed = path / (end - begin)
     east, north = way[2] - last_way[2], way[3] - last_way[3]
     way[0] = last_way[0] + speed * east
@@ -121,9 +125,9 @@ def take_mean_speed(
     message.way_by_mean_speed[i, 1] = sigma * north
     # what the compass errs, across the way, and slip
     across_variance = m.heading_variance * speed * speed * m.dt / time
-    way[5] = last_way[5] + across_variance * north * north + m.slip_rate * time
-    way[6] = last_way[6] - across_variance * east * north
-    way[7] = last_way[7] + across_variance * east * east + m.slip_rate * time
+    way[WAY_XX] = last_way[WAY_XX] + across_variance * north * north + m.slip_rate * time
+    way[WAY_XY] = last_way[WAY_XY] - across_variance * east * north
+    way[WAY_YY] = last_way[WAY_YY] + across_variance * east * east + m.slip_rate * time
 
 
 @inlined

@@ -18,7 +18,16 @@ import numpy as np
 from laisn.arrays import Floats
 from laisn.compiled import compiled, copy_values, inlined
 from laisn.tight.model import COMPASS_BIAS, LOG_BIAS, RANGE_SCALE, X, Y
-from laisn.tight.records import ABSENT, RANGE_MESSAGE, GaussianMixture, Model, RangeMessage
+from laisn.tight.records import (
+    ABSENT,
+    RANGE_MESSAGE,
+    WAY_XX,
+    WAY_XY,
+    WAY_YY,
+    GaussianMixture,
+    Model,
+    RangeMessage,
+)
 from laisn.vector_math import log, sin_cos
 
 _LOG_TURN = math.log(2.0 * math.pi)
@@ -148,14 +157,14 @@ def _delay_covariance(b: GaussianMixture, m: Model, message: RangeMessage, i: in
         east = w.row_x[i] * w.ph[g, m.current]
         north = w.row_y[i] * w.ph[g, m.current + 1]
         value -= message.drift_time[i] * (east + north)
-    later = message.way[i] if message.way[i, 5] < message.way[g, 5] else message.way[g]
+    later = message.way[i] if message.way[i, WAY_XX] < message.way[g, WAY_XX] else message.way[g]
     slope, other = message.way_by_mean_speed[i], message.way_by_mean_speed[g]
-    xx, xy, yy = later[5], later[6], later[7]
+    xx, xy, yy = later[WAY_XX], later[WAY_XY], later[WAY_YY]
     if m.speed == ABSENT:
         last = message.way[message.last_to_arrive]
-        xx -= last[5]
-        xy -= last[6]
-        yy -= last[7]
+        xx -= last[WAY_XX]
+        xy -= last[WAY_XY]
+        yy -= last[WAY_YY]
     value += w.row_x[i] * xx * w.row_x[g] + w.row_y[i] * yy * w.row_y[g]
     value += xy * (w.row_x[i] * w.row_y[g] + w.row_y[i] * w.row_x[g])
     along = w.row_x[i] * slope[0] + w.row_y[i] * slope[1]

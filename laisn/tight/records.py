@@ -28,6 +28,8 @@ INSTANTS = math.ceil(LONGEST_DELAY / INSTANT_SPACING) + 2
 for rounding.
 """
 WAY_SUMS = 8
+WAY_PATH, WAY_XX, WAY_XY, WAY_YY = 4, 5, 6, 7
+"""Indices of `WaySums.sums` after A and B."""
 _T = 3  # transmitters
 
 ByMode: TypeAlias = Annotated[Floats, (MAX_MODES,)]

@@ -184,9 +184,7 @@ def test_the_way_since_the_pings_is_that_of_a_follower_that_turns(
 
 @pytest.mark.parametrize("is_compiled", [False, True])
 def test_the_way_since_a_time_is_the_chord_of_a_circle(is_compiled: bool) -> None:
-    """And what it errs is that of the readings since then, each of a step; what was before the
-    start counts as at rest.
-    """
+    """And what it errs is that of the readings since then, each of a step."""
     turn_rate, speed = 0.1, 1.3
     settings = TightSettings(speed_sigma=0.2, heading_sigma=0.02, slip=0.03)
     recent = RecentWay(0.2, 0.02, 0.03)
