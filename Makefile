@@ -25,7 +25,7 @@ test: $(VENV)/.dev  ## run the quick tests on all cores; PYTEST_ARGS="-n 0 -k wo
 test-all: $(VENV)/.dev  ## run these and those of whole commands, processes, films and documents
 	$(PYTEST) -m 'not typed and not long' $(PYTEST_ARGS)
 
-test-long: $(VENV)/.dev  ## run those that compile most of the project anew, minutes each
+test-long: $(VENV)/.dev  ## run those that take half a minute to some minutes each
 	$(PYTEST) -m long $(PYTEST_ARGS)
 
 golden: $(VENV)/.dev  ## write the golden pages of tests/data/pages anew; read what changes in them

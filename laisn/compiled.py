@@ -23,6 +23,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -38,11 +39,21 @@ from numba.core.caching import (
     IndexDataCacheFile,
     UserProvidedCacheLocator,
 )
-from numba.extending import intrinsic, overload, overload_method, register_jitable, typeof_impl
+from numba.core.datamodel.models import OpaqueModel
+from numba.core.imputils import lower_constant
+from numba.extending import (
+    intrinsic,
+    overload,
+    overload_method,
+    register_jitable,
+    register_model,
+    typeof_impl,
+)
 
 from laisn.arrays import Bools, Floats
 from laisn.custom_types import name_of_custom
 from laisn.errors import LaisnWarning
+from laisn.nested_store import NestedStore, refers_to_memory
 from laisn.nesting import NestedLibrary, count_nested, has_callers, nest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -52,6 +63,8 @@ COMPILED_SOURCES = ("laisn/**/*.py", "sim/**/*.py", "experiments/campaign/lane_*
 _EXCLUDED = ("sim/datasets", "sim/film", "sim/gazebo", "sim/log")
 """What begins like this is none of them: no compiled module imports it."""
 _ROOT = Path(__file__).resolve().parents[1]
+_NESTED = "-nested"
+"""In the names of files of code for callers alone."""
 _MAX_UNUSED_S = 7 * 86_400.0
 """Code of other versions is removed when it has not been used for so long."""
 
@@ -130,8 +143,11 @@ def _folders() -> list[Path]:
 
 
 def count_stored() -> int:
-    """Number of compiled functions that this process and those beside it have stored."""
-    return sum(1 for folder in _folders() for _ in folder.rglob("*.nbc"))
+    """Number of compiled functions with machine code that this process and those beside it have
+    stored.
+    """
+    paths = (path for folder in _folders() for path in folder.rglob("*.nbc"))
+    return sum(1 for path in paths if _NESTED not in path.name)
 
 
 def count_compiled() -> int:
@@ -166,6 +182,35 @@ class _Implementation(CompileResultCacheImpl):
     """Numba's storing of code, in no other folder."""
 
     _locator_classes = [_Folder]  # noqa: RUF012
+
+
+@cache
+def _nested_store(folder: Path | None) -> NestedStore:
+    """That of a folder for compiled code."""
+    return NestedStore(cast(Path, folder) / "nested")
+
+
+class _NestedImplementation(_Implementation):
+    """Numba's storing of a function for its callers, in a folder for all such functions."""
+
+    @property
+    def filename_base(self) -> str:
+        """Where the names of the function's index and data begin."""
+        return f"{super().filename_base}{_NESTED}"
+
+    def reduce(self, result: Any) -> Any:
+        """See `CompileResultCacheImpl`."""
+        return _nested_store(FOLDER).reduce(result)
+
+    def rebuild(self, context: Any, reduced: Any) -> Any:
+        """See `CompileResultCacheImpl`; None if another process has removed the code."""
+        with suppress(FileNotFoundError):
+            return _nested_store(FOLDER).rebuild(context, reduced)
+        return None
+
+    def check_cachable(self, result: Any) -> bool:
+        """Whether other processes can use a result; numba warns where they cannot."""
+        return not (result.lifted or refers_to_memory(result.library))
 
 
 class _Files(IndexDataCacheFile):
@@ -214,6 +259,7 @@ class _Cache(FunctionCache):
         self._folder = folder or Path(self.cache_path)
         self._cache_file = _Files(str(self._folder), self._impl.filename_base, files._source_stamp)
         self._custom_caches = dict[str, _Cache]()
+        self._nested_cache: _NestedCache | None = None
 
     def _cache_of(self, sig: object) -> "_Cache | None":
         """Where the code of a signature is stored; None: nowhere."""
@@ -229,28 +275,38 @@ class _Cache(FunctionCache):
             self._custom_caches[custom] = _Cache(self._py_func, folder / self._folder.name)
         return self._custom_caches[custom]
 
-    def load_overload(self, sig: object, target_context: object) -> Any:
-        """The stored code of a signature; None if there is none, or if compiled code calls the
-        function, which is then compiled with its caller.
+    def _nested_cache_of(self, sig: object) -> "_NestedCache | None":
+        """Where the code of a signature is stored for callers; None: nowhere, as of types of the
+        user's own.
         """
-        if has_callers():
+        if name_of_custom(sig) != "":
             return None
-        _load_without_scipy()
-        cache = self._cache_of(sig)
-        if cache is None:
+        if self._nested_cache is None:
+            self._nested_cache = _NestedCache(self._py_func)
+        return self._nested_cache
+
+    def load_overload(self, sig: object, target_context: object) -> Any:
+        """The stored code of a signature: for callers if compiled code calls the function; None if
+        there is none.
+        """
+        stored = self._nested_cache_of(sig) if has_callers() else self._cache_of(sig)
+        if stored is None:
             return None
-        return cache._load(sig, target_context)
+        if not has_callers():
+            _load_without_scipy()
+        return stored._load(sig, target_context)
 
     def _load(self, sig: object, target_context: object) -> Any:
         return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: object, data: Any) -> None:
         """Store the code of a signature; a warning if the folder cannot be written."""
-        if not self._enabled or isinstance(data.library, NestedLibrary):
+        if not self._enabled:
             return
-        cache = self._cache_of(sig)
-        if cache is not None:
-            cache._save(sig, data)
+        is_nested = isinstance(data.library, NestedLibrary)
+        stored = self._nested_cache_of(sig) if is_nested else self._cache_of(sig)
+        if stored is not None:
+            stored._save(sig, data)
 
     def _save(self, sig: object, data: Any) -> None:
         try:
@@ -259,6 +315,12 @@ class _Cache(FunctionCache):
                 super().save_overload(sig, data)
         except OSError as error:
             _warn_unstored(cast(Path, FOLDER), error.strerror or str(error))
+
+
+class _NestedCache(_Cache):
+    """Numba's cache of a function for its callers."""
+
+    _impl_class = _NestedImplementation
 
 
 @contextmanager
@@ -412,9 +474,22 @@ class DispatchedFormula:
         return self.function(*arguments)
 
 
+class _DispatchedFormulaType(types.Dispatcher):
+    """The type of a `DispatchedFormula` for the compiler, which finds the function by it."""
+
+
+register_model(_DispatchedFormulaType)(OpaqueModel)
+
+
+@lower_constant(_DispatchedFormulaType)
+def _lower_listed(context: Any, *_: object) -> Any:
+    # of a dispatcher numba takes the address in memory, with which no process stores code
+    return context.get_dummy_value()
+
+
 @typeof_impl.register(DispatchedFormula)
-def _typeof(listed: DispatchedFormula, context: object) -> Any:
-    return typeof_impl(listed.compiled, context)
+def _typeof(listed: DispatchedFormula, _: object) -> Any:
+    return _DispatchedFormulaType(listed.compiled)
 
 
 def select(condition: bool | Bools, chosen: float | Floats, other: float | Floats) -> Any:

@@ -21,7 +21,7 @@ A message of 10 s with pings 2 s apart takes 14 s beside the way of its sound.""
 NEGLIGIBLE_DELAY = 1e-3
 """An arrival within this time is now [s]."""
 _MOST_WAITING = 1000  # calls of which readings wait until they are summed up
-MEAN_SPEED_TIME = 1.5
+MEAN_SPEED_TIME = 3.0
 """The speed from ping to ping is the log's mean over this time [s]."""
 MEAN_SPEED_SIGMA = 0.03
 """Random error of that speed, of what the vehicle accelerates [m/s]."""

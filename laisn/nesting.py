@@ -3,9 +3,9 @@ with that of the outermost function.
 
 Numba does both for each function, with all that it calls, also where only its callers run it: what
 stands at the end of five calls is optimised and emitted six times. Here a function that is compiled
-for a caller keeps its code as it was written down. If Python calls it, too, it is compiled once
-more, on its own; callers never take that code, or their speed would depend on what was compiled and
-stored before.
+for a caller keeps its code as it was written down (`laisn.nested_store` does so for later
+processes). If Python calls it, too, it is compiled once more, on its own; callers never take that
+code, or their speed would depend on what was compiled and stored before.
 """
 
 # mypy: allow-untyped-calls
@@ -14,7 +14,7 @@ import ctypes
 import mmap
 import threading
 from importlib import import_module
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numba.core import sigutils, typed_passes, types
@@ -24,6 +24,20 @@ from numba.core.cpu import CPUContext
 
 class NestedLibrary(JITCodeLibrary):
     """Code of a function for its callers."""
+
+    is_stored = False  # whether another process has compiled it
+
+    @classmethod
+    def of_stored(cls, codegen: Any, name: str, module: Any, needed: list[Any]) -> Self:
+        """That of a module of LLVM's, and of the libraries that it needs, in the order in which
+        they are linked.
+        """
+        library = cls(codegen, name)
+        library._final_module = module
+        library._linking_libraries = needed
+        library._finalized = True
+        library.is_stored = True
+        return library
 
     def finalize(self) -> None:
         """Leave the code as it is; see `CodeLibrary.finalize`."""
@@ -209,7 +223,8 @@ def nest(jit: Any, *, apart: bool) -> None:
         if isinstance(result.library, NestedLibrary):
             for_callers[kinds] = result
             jit.overloads[kinds] = result
-            _nested_count[0] += 1
+            if not result.library.is_stored:
+                _nested_count[0] += 1
         else:
             on_its_own[kinds] = result
             add_overload(result)

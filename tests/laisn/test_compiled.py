@@ -288,6 +288,7 @@ def test_two_processes_that_compile_at_once_lose_no_code_of_each_other(tmp_path:
     assert len(stored_files(Path(folder))) == 3
 
 
+@pytest.mark.long
 def test_the_number_of_stored_files_does_not_grow_with_the_number_of_processes(
     tmp_path: Path,
 ) -> None:
@@ -375,6 +376,7 @@ class Mine(NamedTuple):
 """
 
 
+@pytest.mark.long
 def test_code_of_custom_types_is_stored_apart_and_never_used_with_old_methods(
     tmp_path: Path,
 ) -> None:

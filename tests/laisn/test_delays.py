@@ -231,8 +231,8 @@ def test_the_way_since_a_time_is_the_chord_of_a_circle(is_compiled: bool) -> Non
 @pytest.mark.parametrize("is_compiled", [False, True])
 @pytest.mark.parametrize("since_last_ping", [0.0, 0.5, 2.0])
 def test_from_ping_to_ping_the_speed_is_a_mean(since_last_ping: float, is_compiled: bool) -> None:
-    """Due east, with a log that errs by 0.2 m/s: over the 1.5 s about the pings it errs by
-    0.05 m/s, and over the 0.4 s from the first to the last alone by 0.1.
+    """Due east, with a log that errs by 0.2 m/s: over the 3 s about the pings it errs by
+    0.04 m/s, and over the 0.4 s from the first to the last alone by 0.1.
     """
     readings = 1.0 + 0.2 * np.random.default_rng(3).standard_normal(100)
     settings = TightSettings(speed_sigma=0.2, heading_sigma=0.02, slip=0.03)
@@ -261,11 +261,11 @@ def test_from_ping_to_ping_the_speed_is_a_mean(since_last_ping: float, is_compil
     path = DT * np.append(0.0, np.cumsum(0.5 * (readings[np.r_[0, :99]] + readings)))
     # the window reaches as far beyond the pings as before them, where the log has been read
     for i, time in ((0, 0.4), (1, 0.2)):
-        end = min(10.0, 10.0 - since_last_ping + 0.5 * (1.5 - time))
-        begin_path, end_path = np.interp([end - 1.5, end], DT * np.arange(101), path)
-        speed = (end_path - begin_path) / 1.5
+        end = min(10.0, 10.0 - since_last_ping + 0.5 * (3.0 - time))
+        begin_path, end_path = np.interp([end - 3.0, end], DT * np.arange(101), path)
+        speed = (end_path - begin_path) / 3.0
         np.testing.assert_allclose(logged[i] - logged[2], [speed * time, 0.0], atol=1e-6)
-        sigma = np.sqrt(0.2**2 * DT / 1.5 + 0.03**2)
+        sigma = np.sqrt(0.2**2 * DT / 3.0 + 0.03**2)
         np.testing.assert_allclose(by_mean_speed[i], [sigma * time, 0.0], atol=1e-9)
         aside = (0.02 * speed) ** 2 * DT
         added = np.diag([0.03**2 * time, (0.03**2 + aside) * time])

@@ -150,5 +150,6 @@ def test_a_new_variant_is_the_same_in_a_campaign(copy: Path) -> None:
     run(copy, "-c", CAMPAIGN)
 
 
+@pytest.mark.long
 def test_another_law_of_drag_is_one_function(copy: Path) -> None:
     run(copy, "-c", DRAG)

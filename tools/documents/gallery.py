@@ -12,10 +12,12 @@ import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-EXAMPLES = Path("examples")
-OUTPUT = Path("out") / "gallery"
+_ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = _ROOT / "examples"
+OUTPUT = _ROOT / "out" / "gallery"
 _PACKAGES = ("laisn", "sim", "reports", "experiments", "laisn_sim", "models")
 _RESULT = "result.json"
 _PICTURES = (".png", ".jpg", ".svg")
@@ -49,68 +51,77 @@ class Executed:
         return "\n".join(lines[first.end_lineno or 0 :]).strip("\n")
 
 
+@cache
 def _program_digest() -> str:
     """SHA-256 of the sources of the program."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
-        for path in sorted(Path(package).rglob("*")):
+        for path in sorted((_ROOT / package).rglob("*")):
             if path.suffix in (".py", ".xml", ".toml", ".j2"):
                 digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-def execute(path: Path, folder: Path) -> Executed:
-    """Run an example in a folder of its own, which is emptied; RuntimeError with the end of what
-    it reported if it fails, or if it leaves no picture.
+def _key(code: str) -> str:
+    """Of an example with this code and this program."""
+    return hashlib.sha256(f"{_program_digest()}{code}".encode()).hexdigest()
+
+
+def execute(path: Path, work: Path) -> Executed:
+    """Run an example in an empty folder; RuntimeError with the end of what it reported if it
+    fails.
     """
     code = path.read_text(encoding="utf-8")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    with tempfile.TemporaryDirectory() as work:
-        environment = os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(Path.cwd())}
-        command = [sys.executable, str(path.resolve())]
-        run = subprocess.run(
-            command, cwd=work, env=environment, capture_output=True, text=True, timeout=_TIMEOUT_S
-        )
-        if run.returncode:
-            raise RuntimeError(f"{path}: {run.stderr[-2000:]}")
-        pictures_left = sorted(file for file in Path(work).iterdir() if file.suffix in _PICTURES)
-        if not pictures_left:
-            raise RuntimeError(f"{path}: left no picture; it printed: {run.stdout[-500:]}")
-        pictures = [Path(shutil.copy(file, folder / file.name)) for file in pictures_left]
+    environment = os.environ | {"MPLBACKEND": "agg", "PYTHONPATH": str(_ROOT)}
+    command = [sys.executable, str(path.resolve())]
+    run = subprocess.run(
+        command, cwd=work, env=environment, capture_output=True, text=True, timeout=_TIMEOUT_S
+    )
+    if run.returncode:
+        raise RuntimeError(f"{path}: {run.stderr[-2000:]}")
+    pictures = sorted(file for file in work.iterdir() if file.suffix in _PICTURES)
     return Executed(name=path.stem, code=code, output=run.stdout, pictures=pictures)
 
 
-def _kept_or_run(path: Path, folder: Path, program_digest: str) -> Executed:
+def keep(example: Executed) -> None:
+    """Keep what an example has printed and drawn, until it or the program changes; RuntimeError if
+    it left no picture.
+    """
+    if not example.pictures:
+        raise RuntimeError(f"{example.name}: left no picture; it printed: {example.output[-500:]}")
+    folder = OUTPUT / example.name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for picture in example.pictures:
+        shutil.copy(picture, folder / picture.name)
+    names = [picture.name for picture in example.pictures]
+    result = {"key": _key(example.code), "output": example.output, "pictures": names}
+    (folder / _RESULT).write_text(json.dumps(result), encoding="utf-8")
+
+
+def _kept_or_run(path: Path) -> Executed:
     """An example as it was run with this program before, or run now."""
     code = path.read_text(encoding="utf-8")
-    key = hashlib.sha256(f"{program_digest}{code}".encode()).hexdigest()
+    folder = OUTPUT / path.stem
     record = folder / _RESULT
-    if record.exists():
-        result = json.loads(record.read_text(encoding="utf-8"))
-        if result["key"] == key:
-            pictures = [folder / name for name in result["pictures"]]
-            return Executed(name=path.stem, code=code, output=result["output"], pictures=pictures)
-    print(f"running {path}", flush=True)
-    example = execute(path, folder)
-    names = [picture.name for picture in example.pictures]
-    result = {"key": key, "output": example.output, "pictures": names}
-    record.write_text(json.dumps(result), encoding="utf-8")
-    return example
+    if not record.exists() or json.loads(record.read_text(encoding="utf-8"))["key"] != _key(code):
+        print(f"running {path.relative_to(_ROOT)}", flush=True)
+        with tempfile.TemporaryDirectory() as work:
+            keep(execute(path, Path(work)))
+    result = json.loads(record.read_text(encoding="utf-8"))
+    pictures = [folder / name for name in result["pictures"]]
+    return Executed(name=path.stem, code=code, output=result["output"], pictures=pictures)
 
 
-def executed_examples(folder: Path = OUTPUT) -> list[Executed]:
+def executed_examples() -> list[Executed]:
     """All examples in the order of their names; those run before with this program are taken from
     what was kept.
     """
-    program_digest = _program_digest()
     first, *others = sorted(EXAMPLES.glob("*.py"))
     # the first one alone: it stores compiled code that the others have in common
-    examples = [_kept_or_run(first, folder / first.stem, program_digest)]
+    examples = [_kept_or_run(first)]
     with ThreadPoolExecutor(_CONCURRENT_EXAMPLES) as pool:
-        examples += pool.map(
-            lambda path: _kept_or_run(path, folder / path.stem, program_digest), others
-        )
+        examples += pool.map(_kept_or_run, others)
     return examples
 
 

@@ -143,8 +143,18 @@ def _commands(record: Findings) -> list[list[str]]:
         functions = _finding_or_none(record, f"{cold}, compiled functions")
         if compiling is not None and functions is not None:
             words = f"what its first flight compiles: {functions:d} functions"
-            rows.append([words, f"{compiling:.0f} s of the processor", ""])
+            rows.append([words, f"{compiling:.0f} s of the processor", _later(record, scenario)])
     return rows
+
+
+def _later(record: Findings, scenario: str) -> str:
+    """What the first flight of a scenario compiles after that of T5."""
+    later = f"cold: {scenario}: first flight after T5"
+    compiling = _finding_or_none(record, f"{later}, compiling")
+    functions = _finding_or_none(record, f"{later}, compiled functions")
+    if compiling is None or functions is None:
+        return ""
+    return f"after a flight of T5: {functions:d} functions, {compiling:.0f} s"
 
 
 def speed(records: Records) -> str:

@@ -125,7 +125,7 @@ class Watch:
 def _ways(
     settings: TightSettings, watch: Watch, lag: Floats, received: list[int]
 ) -> WaysOfReadings:
-    """From ping to ping the speed is a mean of the readings of 1.5 s about them, since the last
+    """From ping to ping the speed is a mean of the readings of 3 s about them, since the last
     message.
     """
     nothing = np.zeros((2, 2))
@@ -140,8 +140,8 @@ def _ways(
         ways.errors[i] = watch.errors(settings, arrived)
     for i in received:
         time = float(lag[i] - lag[last])
-        end = min(watch.clock, watch.clock - lag[last] + max(1.5 - time, 0.0) / 2.0)
-        begin = max(end - 1.5, watch.clock - watch.since_message)
+        end = min(watch.clock, watch.clock - lag[last] + max(3.0 - time, 0.0) / 2.0)
+        begin = max(end - 3.0, watch.clock - watch.since_message)
         if i == last or time <= 0.0 or end - begin < time:
             continue
         speed = watch.between(begin, end)[2] / (end - begin)

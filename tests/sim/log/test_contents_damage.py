@@ -409,7 +409,11 @@ CHANNEL = struct.pack("<BQHHIBII", Opcode.CHANNEL, 17, 7, 0, 1, 97, 0, 0)
 
 @pytest.mark.system
 @pytest.mark.parametrize(
-    ("record", "size"), [(EMPTY_MESSAGE, 1_000_000), (CHANNEL, 1)], ids=["messages", "channels"]
+    ("record", "size"),
+    [
+        pytest.param(EMPTY_MESSAGE, 1_000_000, id="messages", marks=pytest.mark.long),
+        pytest.param(CHANNEL, 1, id="channels"),
+    ],
 )
 def test_many_small_records_do_not_fill_the_memory(
     tmp_path: Path, record: bytes, size: int

@@ -104,6 +104,7 @@ def test_motions_of_the_record_are_those_of_this_code() -> None:
         assert finding.value == pytest.approx(RECORDED[name].value, rel=1e-6, abs=1e-8), name
 
 
+@pytest.mark.long
 @pytest.mark.system
 def test_vehicles_of_the_record_are_those_of_this_code() -> None:
     """The BlueROV2 at full thrust, and how the shipped vehicles keep routes and stations."""

@@ -73,8 +73,9 @@ def test_an_example_is_run_once_until_it_changes(
     examples.mkdir()
     (examples / "one.py").write_text(EXAMPLE)
     monkeypatch.setattr(gallery, "EXAMPLES", examples)
+    monkeypatch.setattr(gallery, "OUTPUT", tmp_path / "cache")
     for _ in range(2):
-        (executed,) = gallery.executed_examples(tmp_path / "cache")
+        (executed,) = gallery.executed_examples()
         assert (executed.output, executed.description, executed.pictures[0].name) == (
             "drawn\n",
             "Draws.",
@@ -84,14 +85,14 @@ def test_an_example_is_run_once_until_it_changes(
         assert executed.body.startswith("from PIL")
     assert capsys.readouterr().out.count("running") == 1
     (examples / "one.py").write_text(EXAMPLE.replace('"drawn"', '"anew"'))
-    (executed,) = gallery.executed_examples(tmp_path / "cache")
+    (executed,) = gallery.executed_examples()
     assert executed.output == "anew\n"
     (examples / "one.py").write_text('print("nothing")')
     with pytest.raises(RuntimeError, match="left no picture"):
-        gallery.executed_examples(tmp_path / "cache")
+        gallery.executed_examples()
     (examples / "one.py").write_text('raise SystemExit("no")')
     with pytest.raises(RuntimeError, match="no"):
-        gallery.executed_examples(tmp_path / "cache")
+        gallery.executed_examples()
 
 
 @pytest.mark.system
