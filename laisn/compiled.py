@@ -282,7 +282,7 @@ class _Cache(FunctionCache):
         if name_of_custom(sig) != "":
             return None
         if self._nested_cache is None:
-            self._nested_cache = _NestedCache(self._py_func)
+            self._nested_cache = _NestedCache(self._py_func, self._folder)
         return self._nested_cache
 
     def load_overload(self, sig: object, target_context: object) -> Any:

@@ -29,7 +29,6 @@ class _StoredLibrary(NamedTuple):
 
     name: str
     bitcode: bytes
-    reload_init: tuple[Any, ...]  # functions of numba's to be called before it is used
     needed: tuple[str, ...]  # names in the store of the code that it calls, in the order of linking
 
 
@@ -69,14 +68,11 @@ class NestedStore:
             result.fndesc,
             result.environment,
             result.signature,
-            result.reload_init,
         )
 
     def rebuild(self, context: Any, reduced: tuple[Any, ...]) -> Any:
         """The result of compiling; see `CompileResult._rebuild`."""
-        name, fndesc, environment, signature, reload_init = reduced
-        for initialise in reload_init:
-            initialise()
+        name, fndesc, environment, signature = reduced
         library = self._load(context.codegen(), name)
         result: Any = CompileResult
         return result(
@@ -93,7 +89,7 @@ class NestedStore:
             typing_error=None,
             call_helper=None,
             metadata=None,
-            reload_init=reload_init,
+            reload_init=[],
             referenced_envs=[],
         )
 
@@ -110,8 +106,7 @@ class NestedStore:
             # compiled on its own, with all that it calls
             module = library._get_module_for_linking()
             needed = ()
-        reload_init = tuple(library._reload_init)
-        stored = _StoredLibrary(library.name, module.as_bitcode(), reload_init, needed)
+        stored = _StoredLibrary(library.name, module.as_bitcode(), needed)
         name = secrets.token_hex(8)
         self._write(name, pickle.dumps(tuple(stored), protocol=pickle.HIGHEST_PROTOCOL))
         self._names[library] = name
@@ -139,7 +134,6 @@ class NestedStore:
             llvm.parse_bitcode(stored.bitcode),
             [self._load(codegen, needed) for needed in stored.needed],
         )
-        library._reload_init.update(stored.reload_init)
         self._names[library] = name
         self._libraries[name] = library
         return library

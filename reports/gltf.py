@@ -226,7 +226,7 @@ def write_gltf(flight: FlightRecord, path: Path) -> None:
         nodes.append(writer.path(name, truth.position[writer.rows, number], colour))
     for vehicle, vehicle_name in enumerate(truth.names):
         estimates = estimates_of(flight, vehicle)
-        if estimates is None:
+        if estimates is None or not np.isfinite(estimates.state[:, :2]).all(axis=1).any():
             continue
         node, points = writer.estimate(vehicle, estimates)
         nodes += [node, writer.path(f"{vehicle_name} estimated path", points, ESTIMATE)]

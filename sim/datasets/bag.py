@@ -180,12 +180,26 @@ def _number(value: Any, request: Request) -> Any:
     )
 
 
-def _has_value(message: object, path: Sequence[str]) -> bool:
-    """Whether a message has what its field is for: ROS states by −1 as the first element of the
-    covariance beside a field that there is none, as an Imu without an orientation does.
+def _has_value(message: Any, path: Sequence[str]) -> bool:
+    """Whether a message has what its field is for. ROS states otherwise
+
+    - by −1 as the first element of the covariance beside a field, as an Imu without an orientation,
+    - by a negative status of a NavSatFix without a fix,
+    - by a Range outside of the limits that it states itself.
     """
     covariance: Any = getattr(_value(message, path[:-1]), f"{path[-1]}_covariance", ())
-    return len(covariance) == 0 or covariance[0] != -1.0
+    if len(covariance) > 0 and covariance[0] == -1.0:
+        return False
+    if _is(message, "NavSatFix") and len(path) == 1:
+        return bool(message.status.status >= 0)
+    if _is(message, "Range") and path == ["range"] and message.max_range > message.min_range:
+        return bool(message.min_range <= message.range <= message.max_range)
+    return True
+
+
+def _is(message: object, name: str) -> bool:
+    """Whether a message is of a type of sensor_msgs, in ROS 1 or 2."""
+    return type(message).__name__ == f"sensor_msgs__msg__{name}"
 
 
 def _stamp_ns(message: object, logged_ns: int) -> int:

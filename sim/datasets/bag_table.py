@@ -142,8 +142,7 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
             values = entry.in_si(raw.values, field, origin)
         except ValueError as error:
             raise LaisnError(f"{field_map.path}: {field}: {error}") from None
-        if entry.unit == QUATERNION:
-            remarks += _orientation_remarks(field_map.path, field, entry, values)
+        remarks += _remarks_of_missing(field_map.path, field, entry, values)
         series[field] = Series(time_ns=raw.time_ns, values=values)
         unit = entry.unit or "SI units"
         remarks.append(f"{field}: {entry.topic} {entry.field} in {unit}, {raw.time_ns.size} times")
@@ -167,25 +166,35 @@ def _read(path: Path, field_map: FieldMap) -> tuple[_Mapped, list[str]]:
     ), remarks
 
 
-def _orientation_remarks(
-    map_path: Path, field: str, entry: FieldEntry, angles: Floats
-) -> list[str]:
-    """How many messages have no orientation, by the angles of a field; LaisnError if none has
-    one.
+def _remarks_of_missing(map_path: Path, field: str, entry: FieldEntry, values: Floats) -> list[str]:
+    """How many messages have no value where each should have one; LaisnError if none has an
+    orientation or a position.
     """
-    missing = int(np.count_nonzero(np.isnan(angles)))
+    missing = int(np.count_nonzero(np.isnan(values)))
     if missing == 0:
         return []
-    if missing == angles.size:
+    if entry.unit == QUATERNION:
+        thing = "an orientation"
+        reason = "its numbers are 0, or its covariance begins with -1"
+    elif entry.unit in (LATITUDE, LONGITUDE):
+        thing = "a position"
+        reason = "it is NaN, or its status says that there was no fix"
+    elif field.startswith("range_"):
+        return [
+            f"{missing} messages of {entry.topic} without a range, or with one beyond its limits"
+        ]
+    else:
+        # of other fields NaN says that they are not broadcast
+        return []
+    if missing == values.size:
         others = (
             "topic or value, or derive = true" if field == "leader_heading" else "topic or value"
         )
         raise LaisnError(
-            f"{map_path}: {field}: {entry.field} of {entry.topic} is an orientation in none of its "
-            f"{missing} messages: its numbers are 0, or its covariance begins with -1, which "
-            f"states that it is not measured; expected another {others}"
+            f"{map_path}: {field}: {entry.field} of {entry.topic} is {thing} in none of its "
+            f"{missing} messages: {reason}; expected another {others}"
         )
-    return [f"{missing} messages of {entry.topic} without an orientation left out"]
+    return [f"{missing} messages of {entry.topic} without {thing} left out"]
 
 
 def _order_remarks(topic: str, series: Series) -> list[str]:
@@ -213,14 +222,21 @@ def _derived(field_map: FieldMap, series: Mapping[str, Series]) -> dict[str, Ser
             f"{field_map.path}: {fields[0]}.derive: leader_east and leader_north need topics with "
             "two messages at least"
         )
-    time_s = (east.time_ns - east.time_ns[0]) / 1e9
     northward = _interpolated(north, east.time_ns, is_angle=False)
-    velocity = np.gradient(np.column_stack([east.values, northward]), time_s, axis=0)
+    is_known = np.isfinite(east.values) & np.isfinite(northward)
+    if np.count_nonzero(is_known) < 2:
+        raise LaisnError(
+            f"{field_map.path}: {fields[0]}.derive: leader_east and leader_north are known at the "
+            "same time at less than two messages"
+        )
+    time_ns = east.time_ns[is_known]
+    positions = np.column_stack([east.values, northward])[is_known]
+    velocity = np.gradient(positions, (time_ns - time_ns[0]) / 1e9, axis=0)
     values = {
         "leader_heading": np.mod(np.arctan2(velocity[:, 0], velocity[:, 1]), 2.0 * np.pi),
         "leader_speed": np.hypot(velocity[:, 0], velocity[:, 1]),
     }
-    return {field: Series(time_ns=east.time_ns, values=values[field]) for field in fields}
+    return {field: Series(time_ns=time_ns, values=values[field]) for field in fields}
 
 
 def _receptions(mapped: _Mapped, fields: list[str], window_s: float) -> tuple[Ints, Floats]:

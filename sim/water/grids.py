@@ -12,6 +12,7 @@ from laisn.arrays import Floats
 from laisn.compiled import compiled, inlined, jitable
 from sim.attitude import Vector
 from sim.water.currents import NO_DRIFT, CurrentFlow, Drift
+from sim.water.floors import Reflection
 
 
 class GridInterval(NamedTuple):
@@ -152,29 +153,44 @@ class GriddedFloor(NamedTuple):
     @jitable
     def depth_at(self, east: float, north: float) -> float:
         """Depth of the floor below a place [m]."""
-        x = cell_of(self.east, east)
-        y = cell_of(self.north, north)
-        at_south = self.depth[y.low, x.low] * (1.0 - x.share) + self.depth[y.low, x.high] * x.share
-        at_north = (
-            self.depth[y.high, x.low] * (1.0 - x.share) + self.depth[y.high, x.high] * x.share
-        )
-        return float(at_south * (1.0 - y.share) + at_north * y.share)
+        return _tangent_at(self, east, north)[0]
 
     @jitable
-    def reflection_depth(self, source: Vector, receiver: Vector) -> float:
-        """Depth of the floor where it reflects sound between two places [m], as if it were level
-        about there.
+    def reflection(self, source: Vector, receiver: Vector) -> Reflection:
+        """How it reflects sound between two places: by the plane that touches it where the sound
+        meets it.
         """
-        share = 0.5
+        east = 0.5 * (source[0] + receiver[0])
+        north = 0.5 * (source[1] + receiver[1])
+        image = source
         depth = 0.0
+        way_down = 0.0
+        way_up = 0.0
         for _ in range(_REFLECTIONS):
-            east = source[0] + share * (receiver[0] - source[0])
-            north = source[1] + share * (receiver[1] - source[1])
-            depth = self.depth_at(east, north)
-            source_height = max(depth + source[2], 0.0)
-            total_height = source_height + max(depth + receiver[2], 0.0)
-            share = source_height / total_height if total_height > 0.0 else 0.5
-        return depth
+            depth, eastward, northward = _tangent_at(self, east, north)
+            # heights above the plane, times the length of its normal (eastward, northward, 1)
+            from_source = (
+                depth + source[2] + eastward * (source[0] - east) + northward * (source[1] - north)
+            )
+            from_receiver = (
+                depth
+                + receiver[2]
+                + eastward * (receiver[0] - east)
+                + northward * (receiver[1] - north)
+            )
+            way_down = max(from_source, 0.0)
+            way_up = max(from_receiver, 0.0)
+            twice = 2.0 * way_down / (1.0 + eastward * eastward + northward * northward)
+            image = (
+                source[0] - twice * eastward,
+                source[1] - twice * northward,
+                source[2] - twice,
+            )
+            total = way_down + way_up
+            share = way_down / total if total > 0.0 else 0.5
+            east = image[0] + share * (receiver[0] - image[0])
+            north = image[1] + share * (receiver[1] - image[1])
+        return Reflection(image, depth, way_down, way_up)
 
     @property
     def deepest(self) -> float:
@@ -189,7 +205,23 @@ class GriddedFloor(NamedTuple):
 
 
 # the place of the reflection is found in so many steps; the floor changes little along a path
-_REFLECTIONS = 4
+_REFLECTIONS = 8
+
+
+@jitable
+def _tangent_at(floor: GriddedFloor, east: float, north: float) -> tuple[float, float, float]:
+    """Depth of the floor below a place [m], and how it grows to the east and to the north."""
+    x = cell_of(floor.east, east)
+    y = cell_of(floor.north, north)
+    at_south = floor.depth[y.low, x.low] * (1.0 - x.share) + floor.depth[y.low, x.high] * x.share
+    at_north = floor.depth[y.high, x.low] * (1.0 - x.share) + floor.depth[y.high, x.high] * x.share
+    south_growth = floor.depth[y.low, x.high] - floor.depth[y.low, x.low]
+    north_growth = floor.depth[y.high, x.high] - floor.depth[y.high, x.low]
+    return (
+        float(at_south * (1.0 - y.share) + at_north * y.share),
+        float(x.slope * (south_growth * (1.0 - y.share) + north_growth * y.share)),
+        float(y.slope * (at_north - at_south)),
+    )
 
 
 @compiled

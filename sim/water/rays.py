@@ -2,8 +2,8 @@
 
 Rays are straight: their mean slowness is the mean of 1/c over the depths they cross (Medwin & Clay,
 Fundamentals of Acoustical Oceanography, 1998). A boundary sends an echo that seems to come from the
-mirror image of its source (ibid.); a floor that is not level is taken for level about the place of
-reflection.
+mirror image of its source (ibid.): a floor that is not level reflects it as the plane does that
+touches the floor where the sound meets it.
 
 Rays are a NamedTuple with the methods `apparent_source(path, source, receiver)`,
 `slowness(path, source, receiver)` and `straight_slowness`, the same as if rays did not bend, which
@@ -112,34 +112,41 @@ def distance(a: Vector, b: Vector) -> float:
 
 
 @jitable
-def image(source: Vector, path: int, floor_depth: float) -> Vector:
+def image(source: Vector, path: int, receiver: Vector, floor: Any) -> Vector:
     """Place from which sound seems to come that takes a path [m]."""
-    up = source[2]
-    if path != _DIRECT:
-        up = -up if path == _SURFACE else -2.0 * floor_depth - up
-    return source[0], source[1], up
+    if path == _DIRECT:
+        return source[0], source[1], source[2]
+    if path == _SURFACE:
+        return source[0], source[1], -source[2]
+    return floor.reflection(source, receiver).image  # type: ignore[no-any-return]
 
 
 @jitable
 def path_slowness(
-    profile: SoundProfile, path: int, source: float, receiver: float, floor_depth: float
+    profile: SoundProfile, path: int, source: Vector, receiver: Vector, floor: Any
 ) -> float:
-    """Mean of 1/c along a path that is straight but for its reflection, between two heights
+    """Mean of 1/c along a path that is straight but for its reflection, between two places
     [s/m].
     """
+    upper, lower = -source[2], -receiver[2]
     if path == _DIRECT:
-        return mean_slowness(profile, -source, -receiver)
-    boundary = 0.0 if path == _SURFACE else floor_depth  # depth of the reflection
-    # Both legs have the same slope, so that they share the path in proportion to the depths they
-    # cross.
-    first = abs(-source - boundary)
-    second = abs(-receiver - boundary)
+        return mean_slowness(profile, upper, lower)
+    # at the surface both ways have the same slope, so that they share the path in proportion to the
+    # depths that they cross
+    boundary = 0.0
+    first = abs(upper)
+    second = abs(lower)
+    if path == _BOTTOM:
+        reflection = floor.reflection(source, receiver)
+        boundary = reflection.depth
+        first = reflection.way_down
+        second = reflection.way_up
     if first + second == 0.0:
         return 1.0 / speed_at(profile, boundary)
-    legs = first * mean_slowness(profile, -source, boundary) + second * mean_slowness(
-        profile, -receiver, boundary
+    ways = first * mean_slowness(profile, upper, boundary) + second * mean_slowness(
+        profile, lower, boundary
     )
-    return legs / (first + second)
+    return ways / (first + second)
 
 
 class Ray(NamedTuple):
@@ -150,6 +157,12 @@ class Ray(NamedTuple):
     time: float  # [s]
     elevation: float  # of the ray where it arrives, positive where it comes from above [rad]
     departure: float  # angle at which it leaves, positive downwards [rad]
+
+
+def _elevation(source: Vector, receiver: Vector) -> float:
+    """Of a straight ray where it arrives, positive where it comes from above [rad]."""
+    length = distance(source, receiver)
+    return math.asin((source[2] - receiver[2]) / length) if length > 0.0 else 0.0
 
 
 class StraightRays(NamedTuple):
@@ -163,14 +176,12 @@ class StraightRays(NamedTuple):
     @jitable
     def apparent_source(self, path: int, source: Vector, receiver: Vector) -> Vector:
         """Place from which sound seems to come that takes a path [m]."""
-        floor = self.floor.reflection_depth(source, receiver) if path == _BOTTOM else 0.0
-        return image(source, path, floor)
+        return image(source, path, receiver, self.floor)
 
     @jitable
     def slowness(self, path: int, source: Vector, receiver: Vector) -> float:
         """Mean of 1/c along a path [s/m]."""
-        floor = self.floor.reflection_depth(source, receiver) if path == _BOTTOM else 0.0
-        return path_slowness(self.profile, path, source[2], receiver[2], floor)
+        return path_slowness(self.profile, path, source, receiver, self.floor)
 
     @jitable
     def straight_slowness(self, path: int, source: Vector, receiver: Vector) -> float:
@@ -185,9 +196,10 @@ class StraightRays(NamedTuple):
         """The ray of a path."""
         apparent = self.apparent_source(path, source, receiver)
         length = distance(apparent, receiver)
-        elevation = math.asin((apparent[2] - receiver[2]) / length) if length > 0.0 else 0.0
+        elevation = _elevation(apparent, receiver)
         time = length * self.slowness(path, source, receiver)
-        departure = elevation if path == _DIRECT else -elevation
+        # the way back leaves where this one arrives
+        departure = -_elevation(self.apparent_source(path, receiver, source), source)
         return Ray(Path(path), length, time, elevation, departure)
 
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:

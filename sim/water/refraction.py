@@ -30,7 +30,7 @@ from sim.water.eigenrays import (
 from sim.water.floors import LevelFloor
 from sim.water.grids import GriddedFloor
 from sim.water.ray_table import RayTable, ray_slowness, table_of
-from sim.water.rays import Path, Ray, image
+from sim.water.rays import Path, Ray, distance, image
 from sim.water.smooth_profile import SmoothProfile, speed_and_gradient
 from sim.water.table_store import stored_table
 
@@ -52,8 +52,7 @@ class RefractedRays(NamedTuple):
     @jitable
     def apparent_source(self, path: int, source: Vector, receiver: Vector) -> Vector:
         """Place from which sound would seem to come that takes a path, if it ran straight [m]."""
-        floor = self.floor.reflection_depth(source, receiver) if path == _BOTTOM else 0.0
-        return image(source, path, floor)
+        return image(source, path, receiver, self.floor)
 
     @compiled
     def slowness(self, path: int, source: Vector, receiver: Vector) -> float:
@@ -79,7 +78,7 @@ class RefractedRays(NamedTuple):
         """The ray of a path that arrives first, traced; NaN if there is none."""
         leg = leg_of(self, path, source, receiver)
         eigenray, _ = earliest(leg.water, leg.source, leg.receiver, leg.distance)
-        return _ray_over_distance(path, leg, eigenray)
+        return self._ray(path, source, receiver, leg, eigenray)
 
     def rays(self, path: int, source: Vector, receiver: Vector) -> tuple[Ray, ...]:
         """All rays of a path, the first to arrive first."""
@@ -87,7 +86,21 @@ class RefractedRays(NamedTuple):
         rows = np.empty((MAX_RAYS, len(Eigenray._fields)))
         count = eigenrays(leg.water, leg.source, leg.receiver, leg.distance, rows)
         in_order = sorted(rows[:count].tolist())
-        return tuple(_ray_over_distance(path, leg, Eigenray(*numbers)) for numbers in in_order)
+        return tuple(
+            self._ray(path, source, receiver, leg, Eigenray(*numbers)) for numbers in in_order
+        )
+
+    def _ray(
+        self, path: int, source: Vector, receiver: Vector, leg: "Leg", eigenray: Eigenray
+    ) -> Ray:
+        length = distance(self.apparent_source(path, source, receiver), receiver)
+        level_length = math.hypot(leg.distance, drop(leg.water, leg.source, leg.receiver))
+        time = eigenray.time
+        if path == _BOTTOM and level_length > 0.0:
+            # over a sloping floor a ray bends as over a level one
+            time *= length / level_length
+        # rays leave downwards at positive angles, and arrive from above at positive ones, too
+        return Ray(Path(path), length, time, eigenray.arrival_angle, eigenray.departure_angle)
 
 
 class Leg(NamedTuple):
@@ -103,7 +116,7 @@ class Leg(NamedTuple):
 def leg_of(rays: RefractedRays, path: int, source: Vector, receiver: Vector) -> Leg:
     """A path between two places; one above the surface or below the floor counts as just
     within the water."""
-    floor = rays.floor.reflection_depth(source, receiver) if path == _BOTTOM else rays.deepest
+    floor = rays.floor.reflection(source, receiver).depth if path == _BOTTOM else rays.deepest
     water = PathInWater(rays.profile, floor, int(path == _SURFACE), int(path == _BOTTOM))
     return Leg(
         water,
@@ -130,12 +143,6 @@ def bottom_slowness(leg: Leg) -> float:
     if ray.time != ray.time:
         ray = earliest(leg.water, leg.source, leg.receiver, leg.distance)[0]
     return ray.time / length
-
-
-def _ray_over_distance(path: int, leg: Leg, ray: Eigenray) -> Ray:
-    length = math.hypot(leg.distance, drop(leg.water, leg.source, leg.receiver))
-    # rays leave downwards at positive angles, and arrive from above at positive ones, too
-    return Ray(Path(path), length, ray.time, ray.arrival_angle, ray.departure_angle)
 
 
 _NO_TABLE = RayTable(

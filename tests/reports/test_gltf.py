@@ -169,6 +169,16 @@ def test_a_leader_that_navigates_has_its_estimate_and_path(
     np.testing.assert_array_equal(exported.values(line.attributes.POSITION), of_leader)
 
 
+def test_a_vehicle_that_never_had_an_estimate_has_none(
+    flight: FlightRecord, tmp_path: Path
+) -> None:
+    unknown = replace(flight.estimates[0], state=np.full_like(flight.estimates[0].state, np.nan))
+    write_gltf(replace(flight, estimates=(unknown,)), tmp_path / "a.glb")
+    names = Exported(tmp_path / "a.glb").names
+    assert "follower path" in names
+    assert not [name for name in names if name and "estimate" in name]
+
+
 def test_a_hull_is_as_large_as_its_model(exported: Exported) -> None:
     points = [exported.values(part.attributes.POSITION) for part in exported.mesh("leader")]
     low, high = np.vstack(points).min(axis=0), np.vstack(points).max(axis=0)

@@ -105,7 +105,7 @@ def _kept_or_run(path: Path) -> Executed:
     folder = OUTPUT / path.stem
     record = folder / _RESULT
     if not record.exists() or json.loads(record.read_text(encoding="utf-8"))["key"] != _key(code):
-        print(f"running {path.relative_to(_ROOT)}", flush=True)
+        print(f"running {path.parent.name}/{path.name}", flush=True)
         with tempfile.TemporaryDirectory() as work:
             keep(execute(path, Path(work)))
     result = json.loads(record.read_text(encoding="utf-8"))

@@ -553,6 +553,48 @@ def test_latitudes_and_longitudes_become_metres_from_the_first_position(tmp_path
     assert speed == pytest.approx(18.5524, abs=1e-4)
 
 
+def test_positions_without_a_fix_are_left_out(tmp_path: Path) -> None:
+    """A receiver of GNSS that has no fix at first, and then for a second, states 0°, 0° meanwhile;
+    the ship sails 0.0001° of longitude a second on the equator.
+    """
+    messages = in_order(own_messages(), range_messages())
+    for k in range(21):
+        time_ns = START_NS + 10**9 * k
+        has_fix = k > 2 and k != 11
+        fix = stamped(time_ns, "gps", latitude=0.0, longitude=9.0 + 1e-4 * k if has_fix else 0.0)
+        fix["status"] = {"status": 0 if has_fix else -1, "service": 1}
+        messages.append(("/ship/gps", "sensor_msgs/msg/NavSatFix", time_ns, fix))
+    text = MAP + RANGE + "[leader_depth]\nvalue = 0.0\n"
+    for name, field in (("east", "longitude"), ("north", "latitude")):
+        text += f'[leader_{name}]\ntopic = "/ship/gps"\nfield = "{field}"\nunit = "{field}"\n'
+    text += "[leader_heading]\nderive = true\n[leader_speed]\nderive = true\n"
+    (tmp_path / "map.toml").write_text(text)
+    bag = write_ros2(tmp_path / "dive", in_order(messages))
+    result = run("import", bag, "--map", tmp_path / "map.toml", "--out", tmp_path / "dive.mcap")
+    print(printed_text(result))
+    assert "4 messages of /ship/gps without a position left out" in printed_text(result)
+    message = read_recording(tmp_path / "dive.mcap").measurements.message
+    speed = 6378137.0 * math.radians(1e-4)
+    # from the first fix on; receptions are at 1.1, 2.1, … s
+    time = 1.1 + np.arange(2, 18)
+    assert np.allclose(message[:, 1], speed * (time - 3.0), atol=1e-4)
+    assert np.allclose(message[:, 4], speed, atol=1e-6)
+
+
+def test_ranges_outside_of_their_own_limits_are_left_out(tmp_path: Path) -> None:
+    """A modem reports its maximum plus one where it has heard nothing."""
+    messages = own_messages() + leader_messages()
+    for k, message in enumerate(range_messages()):
+        topic, kind, time_ns, fields = message
+        limits = {"min_range": 1.0, "max_range": 500.0}
+        heard = fields | limits if k != 4 else fields | limits | {"range": 501.0}
+        messages.append((topic, kind, time_ns, heard))
+    ranges = read_by(MAP + LEADER + RANGE, in_order(messages), tmp_path).ranges
+    heard = ranges[np.isfinite(ranges)]
+    # 18 messages of the stern transmitter, without the third
+    np.testing.assert_allclose(heard, 41.0 + np.delete(np.arange(18.0), 2), atol=1e-5)
+
+
 def test_nothing_is_interpolated_over_gaps(tmp_path: Path) -> None:
     """The compass is silent from 5 to 12 s: steps in between are left out, and told."""
     messages = [

@@ -21,6 +21,7 @@ from sim.sensing.acoustics import TRANSMITTERS
 from sim.sensing.noise import Address, Stream, seed_and_run, uniforms
 from sim.sensing.observation import IdealMeasurements, measure, observe, propagate
 from sim.sensing.sensors import SensorErrors, errors_of, paths_taken
+from sim.water.floors import LevelFloor
 from sim.water.rays import Path, SoundProfile, image, mean_slowness, path_slowness, speed_at
 from tests.straight import make_scenario, make_trajectory
 
@@ -248,7 +249,9 @@ def test_echo_comes_from_the_image(path, image_height):
 def test_images_of_images_are_the_sources():
     source = 3.0, -2.0, -7.0
     for path in Path:
-        assert image(image(source, path, 25.0), path, 25.0) == source
+        floor = LevelFloor(25.0)
+        once = image(source, path, source, floor)
+        assert image(once, path, source, floor) == source
 
 
 ECHOES = SensorErrors(surface_echo_probability=0.2, bottom_echo_probability=0.05)
@@ -427,4 +430,6 @@ def test_an_echo_along_the_boundary_has_the_slowness_there():
     """Source and receiver on the surface, or on the floor: no depth is crossed."""
     sound = SoundProfile.through([[0.0, 1400.0], [30.0, 1450.0]])
     for path, depth, speed in ((Path.SURFACE, 0.0, 1400.0), (Path.BOTTOM, 30.0, 1450.0)):
-        assert path_slowness(sound, path, -depth, -depth, 30.0) == pytest.approx(1.0 / speed)
+        assert path_slowness(
+            sound, path, (0.0, 0.0, -depth), (0.0, 0.0, -depth), LevelFloor(30.0)
+        ) == pytest.approx(1.0 / speed)
