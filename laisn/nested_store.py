@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 from numba.core.compiler import CompileResult
 from numba.core.runtime.nrt import rtsys
 
-from laisn.nesting import NestedLibrary
+from laisn.nesting import NestedLibrary, stored_library
 
 _COUNTING_REFERENCES = "counting of references"
 """In place of the name of numba's own library, which all processes have."""
@@ -29,6 +29,7 @@ class _StoredLibrary(NamedTuple):
 
     name: str
     bitcode: bytes
+    is_nested: bool  # else it was compiled on its own, with all that it calls
     needed: tuple[str, ...]  # names in the store of the code that it calls, in the order of linking
 
 
@@ -99,14 +100,10 @@ class NestedStore:
             return _COUNTING_REFERENCES
         if library in self._names:
             return self._names[library]
-        if isinstance(library, NestedLibrary):
-            module = library._final_module
-            needed = tuple(map(self._save, library._linking_libraries))
-        else:
-            # compiled on its own, with all that it calls
-            module = library._get_module_for_linking()
-            needed = ()
-        stored = _StoredLibrary(library.name, module.as_bitcode(), needed)
+        is_nested = isinstance(library, NestedLibrary)
+        module = library._final_module if is_nested else library._get_module_for_linking()
+        needed = tuple(map(self._save, library._linking_libraries)) if is_nested else ()
+        stored = _StoredLibrary(library.name, module.as_bitcode(), is_nested, needed)
         name = secrets.token_hex(8)
         self._write(name, pickle.dumps(tuple(stored), protocol=pickle.HIGHEST_PROTOCOL))
         self._names[library] = name
@@ -128,12 +125,9 @@ class NestedStore:
         if name in self._libraries:
             return self._libraries[name]
         stored = _StoredLibrary(*pickle.loads((self._folder / name).read_bytes()))
-        library = NestedLibrary.of_stored(
-            codegen,
-            stored.name,
-            llvm.parse_bitcode(stored.bitcode),
-            [self._load(codegen, needed) for needed in stored.needed],
-        )
+        needed = [self._load(codegen, needed_name) for needed_name in stored.needed]
+        module = llvm.parse_bitcode(stored.bitcode)
+        library = stored_library(codegen, stored.name, module, needed, is_nested=stored.is_nested)
         self._names[library] = name
         self._libraries[name] = library
         return library

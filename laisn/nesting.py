@@ -14,7 +14,7 @@ import ctypes
 import mmap
 import threading
 from importlib import import_module
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numba.core import sigutils, typed_passes, types
@@ -27,18 +27,6 @@ class NestedLibrary(JITCodeLibrary):
 
     is_stored = False  # whether another process has compiled it
 
-    @classmethod
-    def of_stored(cls, codegen: Any, name: str, module: Any, needed: list[Any]) -> Self:
-        """That of a module of LLVM's, and of the libraries that it needs, in the order in which
-        they are linked.
-        """
-        library = cls(codegen, name)
-        library._final_module = module
-        library._linking_libraries = needed
-        library._finalized = True
-        library.is_stored = True
-        return library
-
     def finalize(self) -> None:
         """Leave the code as it is; see `CodeLibrary.finalize`."""
         self._raise_if_finalized()
@@ -47,6 +35,32 @@ class NestedLibrary(JITCodeLibrary):
     def get_pointer_to_function(self, _: str) -> int:
         """None of its functions has machine code."""
         return 0
+
+
+class WholeLibrary(JITCodeLibrary):
+    """Code of a function that another process has compiled on its own, for callers.
+
+    It keeps its names and arguments, unlike that of a `NestedLibrary`: this process may load the
+    machine code of the same function, and the linker knows one function of a name.
+    """
+
+    finalize = NestedLibrary.finalize
+    get_pointer_to_function = NestedLibrary.get_pointer_to_function
+
+
+def stored_library(
+    codegen: Any, name: str, module: Any, needed: list[Any], *, is_nested: bool
+) -> Any:
+    """The library of a module of LLVM's that another process has compiled, and of the libraries
+    that it needs, in the order in which they are linked.
+    """
+    library = NestedLibrary(codegen, name) if is_nested else WholeLibrary(codegen, name)
+    library._final_module = module
+    library._linking_libraries = needed
+    library._finalized = True
+    if isinstance(library, NestedLibrary):
+        library.is_stored = True
+    return library
 
 
 class _Compiling(threading.local):

@@ -1,5 +1,6 @@
 """Code of functions that were compiled for their callers, in later processes."""
 
+import math
 import os
 import subprocess
 import sys
@@ -16,7 +17,7 @@ PARTS = '''
 import numpy as np
 from numba import literal_unroll
 
-from laisn.compiled import DispatchedFormula, compiled
+from laisn.compiled import DispatchedFormula, compiled, compiled_apart
 
 LARGE = np.arange(200_000.0)
 """Numba takes the address of so large a constant."""
@@ -64,6 +65,41 @@ def second(x):
     return 2.0 * roots(np.array([x, 4.0]))
 
 
+@compiled_apart
+def large(unused, values):
+    """Too long to be written into its callers, to which it needs one of its arguments alone."""
+    total = 0.0
+    for i in range(values.size):
+        value = values[i]
+STATEMENTS
+    return total
+
+
+@compiled
+def with_large(values):
+    return large(np.zeros(2), values) + large(np.zeros(2), np.zeros(3)) + 1.0
+
+
+@compiled
+def first_large(x):
+    return with_large(np.full(3, x))
+
+
+@compiled
+def second_large(x):
+    return -with_large(np.full(3, x))
+
+
+@compiled
+def large_alone(x):
+    return large(np.zeros(2), np.full(3, x))
+
+
+@compiled
+def large_again(x):
+    return 2.0 * large(np.zeros(2), np.full(3, x))
+
+
 @compiled
 def first_entry(x):
     return x + entry(7)
@@ -83,6 +119,10 @@ def first_formulas(x):
 def second_formulas(x):
     return 2.0 * all_formulas(x)
 '''
+STATEMENTS = "\n".join(
+    f"        total += np.sin({i}.0 * value) * np.exp(-value)" for i in range(60)
+)
+PARTS = PARTS.replace("STATEMENTS", STATEMENTS)
 CALLS = """
 import importlib.util, sys
 spec = importlib.util.spec_from_file_location("laisn.parts", sys.argv[1])
@@ -90,22 +130,22 @@ parts = importlib.util.module_from_spec(spec)
 sys.modules["laisn.parts"] = parts
 spec.loader.exec_module(parts)
 from laisn.nesting import count_nested
-result = getattr(parts, sys.argv[2])(1.0)
+results = [getattr(parts, name)(1.0) for name in sys.argv[2].split()]
 part = getattr(parts, sys.argv[3])
-print(result, sum(part.stats.cache_hits.values()), count_nested())
+print(results[-1], sum(part.stats.cache_hits.values()), count_nested())
 """
 
 
-def call(folder: Path, caller: str, part: str) -> tuple[float, int, int]:
-    """Call a function of `PARTS` in a new process: what it gives for 1, how often a part of it came
-    from the store, and how many were compiled for their callers.
+def call(folder: Path, callers: str, part: str) -> tuple[float, int, int]:
+    """Call functions of `PARTS` in a new process: what the last one gives for 1, how often a part
+    of it came from the store, and how many were compiled for their callers.
     """
     path = folder / "parts.py"
     if not path.exists():
         path.write_text(PARTS)
     environment = os.environ | {"PYTHONPATH": str(import_graph.ROOT), "XDG_CACHE_HOME": str(folder)}
     run = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", CALLS, str(path), caller, part],
+        [sys.executable, "-W", "ignore", "-c", CALLS, str(path), callers, part],
         env=environment,
         capture_output=True,
         text=True,
@@ -130,6 +170,17 @@ def test_another_caller_takes_a_part_as_the_first_one_has_stored_it(
     assert (result, hits) == (results[0], 0)
     assert nested >= 1
     assert call(tmp_path, callers[1], part) == (results[1], 1, 0)
+
+
+def test_a_function_that_is_compiled_apart_keeps_its_arguments(tmp_path: Path) -> None:
+    """A process takes it from the store as a part of a part, which is free to leave out arguments
+    where nobody else can call it, beside its machine code.
+    """
+    expected = 3.0 * sum(math.sin(i) * math.exp(-1.0) for i in range(60))
+    assert call(tmp_path, "first_large", "with_large")[0] == pytest.approx(expected + 1.0)
+    result, hits, _ = call(tmp_path, "large_alone second_large large_again", "large")
+    assert result == pytest.approx(2.0 * expected)
+    assert hits == 1
 
 
 def test_a_part_with_an_address_of_its_process_is_compiled_in_each(tmp_path: Path) -> None:

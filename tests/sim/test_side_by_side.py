@@ -136,7 +136,7 @@ def in_a_field(folder: Path) -> Callable[..., MotionSettings]:
     return mission
 
 
-@pytest.mark.system
+@pytest.mark.long
 def test_missions_in_a_field_move_as_each_does_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

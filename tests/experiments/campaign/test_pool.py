@@ -46,7 +46,7 @@ def allocate(megabytes: int) -> int:
     return len(_ALLOCATED)
 
 
-@pytest.mark.system
+@pytest.mark.long
 def test_a_process_that_needs_much_memory_is_replaced_without_loss_and_without_a_warning(
     recwarn: pytest.WarningsRecorder,
 ) -> None:

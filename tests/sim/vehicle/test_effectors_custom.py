@@ -191,6 +191,7 @@ def test_a_method_that_cannot_be_used_says_where_and_why(
     assert "\x1b" not in error
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("folder")
 @pytest.mark.parametrize("engine", ["mujoco", "direct"])
 def test_a_force_that_is_no_number_names_the_effector(engine: str) -> None:
