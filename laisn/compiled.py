@@ -209,7 +209,7 @@ class _NestedImplementation(_Implementation):
         return None
 
     def check_cachable(self, result: Any) -> bool:
-        """Whether other processes can use a result; numba warns where they cannot."""
+        """Whether other processes can use a result."""
         return not (result.lifted or refers_to_memory(result.library))
 
 
@@ -321,6 +321,11 @@ class _NestedCache(_Cache):
     """Numba's cache of a function for its callers."""
 
     _impl_class = _NestedImplementation
+
+    def _save_overload(self, sig: object, data: Any) -> None:
+        # code that another process has stored meanwhile is not stored twice
+        if self._index_key(sig, data.codegen) not in self._cache_file._load_index():
+            super()._save_overload(sig, data)
 
 
 @contextmanager

@@ -104,6 +104,7 @@ def test_a_caller_takes_no_code_that_python_s_calls_have_stored(tmp_path: Path) 
     assert printed == [["1.0", "0"], ["1.0", "0", "1.0", "1"]]
 
 
+@pytest.mark.long
 def test_a_second_process_takes_code_from_the_cache_until_a_constant_of_another_file_changes(
     tmp_path: Path,
 ) -> None:
@@ -505,6 +506,7 @@ print(next(FunctionIdentity._unique_ids))
 """
 
 
+@pytest.mark.long
 def test_functions_of_a_factory_have_other_symbols_in_each_process(tmp_path: Path) -> None:
     """Else the code of two processes, loaded by a third, takes one of them for another."""
     processes = [start(SYMBOLS, tmp_path) for _ in range(2)]

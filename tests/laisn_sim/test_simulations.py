@@ -48,8 +48,11 @@ def moved_together(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.system
 @pytest.mark.parametrize(
     ("table", "changes"),
-    [(OPEN_LOOP, {}), (CLOSED_LOOP, {}), (OPEN_LOOP, WAVES)],
-    ids=["open loop", "closed loop", "waves"],
+    [
+        pytest.param(OPEN_LOOP, {}, id="open loop"),
+        pytest.param(CLOSED_LOOP, {}, id="closed loop"),
+        pytest.param(OPEN_LOOP, WAVES, id="waves", marks=pytest.mark.long),
+    ],
 )
 def test_each_mission_is_the_one_that_is_flown_alone(
     table: dict[str, Any], changes: dict[str, Any], moved_together: list[int]

@@ -151,7 +151,7 @@ def test_missions_in_a_field_move_as_each_does_alone(
         require_equal(actual, expected)
 
 
-@pytest.mark.system
+@pytest.mark.long
 def test_missions_in_different_parts_of_a_field_move_alone(tmp_path: Path) -> None:
     mission = in_a_field(tmp_path)
     far = [f"leader.waypoints=[[0, {200 * i}, 0], [20, {200 * i}, 20]]" for i in range(3)]

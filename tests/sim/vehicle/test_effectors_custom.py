@@ -95,7 +95,7 @@ def test_the_engine_lifts_and_sinks_the_hull_at_the_speed_of_buoyancy_against_dr
     assert not any((*thrust, *torque))
 
 
-@pytest.mark.system
+@pytest.mark.long
 def test_the_controller_of_the_page_takes_the_float_to_its_depth(folder: Path) -> None:
     command = "fly float.toml --plugin buoyancy_engine.py --no-video --out out"
     result = CliRunner().invoke(app, command.split())
