@@ -54,12 +54,11 @@ def stored_library(
     """The library of a module of LLVM's that another process has compiled, and of the libraries
     that it needs, in the order in which they are linked.
     """
-    library = NestedLibrary(codegen, name) if is_nested else WholeLibrary(codegen, name)
+    library: Any = NestedLibrary(codegen, name) if is_nested else WholeLibrary(codegen, name)
     library._final_module = module
     library._linking_libraries = needed
     library._finalized = True
-    if isinstance(library, NestedLibrary):
-        library.is_stored = True
+    library.is_stored = True
     return library
 
 

@@ -180,9 +180,7 @@ def _remarks_of_missing(map_path: Path, field: str, entry: FieldEntry, values: F
         thing = "a position"
         reason = "it is NaN, or its status says that there was no fix"
     elif field.startswith("range_"):
-        return [
-            f"{missing} messages of {entry.topic} without a range, or with one beyond its limits"
-        ]
+        return [f"{missing} messages of {entry.topic} without a range within its limits left out"]
     else:
         # of other fields NaN says that they are not broadcast
         return []

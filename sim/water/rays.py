@@ -128,14 +128,15 @@ def path_slowness(
     """Mean of 1/c along a path that is straight but for its reflection, between two places
     [s/m].
     """
-    upper, lower = -source[2], -receiver[2]
+    source_depth = -source[2]
+    receiver_depth = -receiver[2]
     if path == _DIRECT:
-        return mean_slowness(profile, upper, lower)
+        return mean_slowness(profile, source_depth, receiver_depth)
     # at the surface both ways have the same slope, so that they share the path in proportion to the
     # depths that they cross
     boundary = 0.0
-    first = abs(upper)
-    second = abs(lower)
+    first = abs(source_depth)
+    second = abs(receiver_depth)
     if path == _BOTTOM:
         reflection = floor.reflection(source, receiver)
         boundary = reflection.depth
@@ -143,10 +144,9 @@ def path_slowness(
         second = reflection.way_up
     if first + second == 0.0:
         return 1.0 / speed_at(profile, boundary)
-    ways = first * mean_slowness(profile, upper, boundary) + second * mean_slowness(
-        profile, lower, boundary
-    )
-    return ways / (first + second)
+    down = first * mean_slowness(profile, source_depth, boundary)
+    up = second * mean_slowness(profile, receiver_depth, boundary)
+    return (down + up) / (first + second)
 
 
 class Ray(NamedTuple):
